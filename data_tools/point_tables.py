@@ -149,7 +149,10 @@ def _as_wide_as_heading(
 
 
 def _in_columns(heading: list[str]) -> dict[str, tuple[int, int, int]]:
-    """Return where the coordinates of each landmark are; empty where columns are not those of several landmarks."""
+    """Return the columns of x, y and z of each landmark by its label, of rows that hold several: ``x1, y1, z1, x2``.
+
+    Empty where a row holds one point.
+    """
     words = plain_words(heading)
     if len(words) > 3 and axis_columns(words)[0] is not None:
         return {}

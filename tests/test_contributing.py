@@ -1,4 +1,4 @@
-"""CONTRIBUTING.md and the docstrings of rooms show the project as it is: layers, modules, a pair's way."""
+"""CONTRIBUTING.md and the docstrings of rooms show the project as it is: layers, files, modules."""
 
 import ast
 import re
@@ -39,16 +39,6 @@ def named(text):
 
 def exists(path):
     return any((base / path).exists() for base in BASES)
-
-
-def defined(name):
-    """Whether a module of the project defines the name, or the attribute of a class: ``Class.attribute``."""
-    pattern = re.compile(
-        rf"^\s*(def|class) {name.split('.')[-1]}\b|^\s*{name.split('.')[-1]}\b.*[:=]", re.MULTILINE
-    )
-    return any(
-        pattern.search(file.read_text("utf-8")) for file in (ROOT / "collalign").rglob("*.py")
-    )
 
 
 def test_every_layer_is_in_the_table_in_the_order_of_its_imports():
@@ -107,27 +97,9 @@ def inside(room):
     return sorted([*modules, *(file.parent.name for file in (ROOT / room).glob("*/__init__.py"))])
 
 
-def test_the_way_of_a_pair_goes_through_steps_that_align_takes():
-    driver = "".join(
-        (ROOT / f"collalign/{n}.py").read_text() for n in ("align", "stages/posing", "stages/steps")
-    )
-    way = room_docstrings()["collalign/stages"].partition("The way of a pair.")[2]
-    steps = re.findall(r"``([a-z]+(?:_[a-z]+)+)``", way)
-    assert len(steps) > 15
-    for step in steps:
-        assert defined(step), step
-    _, _, pairs = way.partition("**Pairs.**")
-    called = [step for step in re.findall(r"``(\w+)``", pairs) if f"{step}(" in driver]
-    places = [driver.index(f"{step}(") for step in called]
-    assert len(called) > 12
-    assert places == sorted(places)
-
-
 def test_the_checks_can_fail():
     assert not exists("collalign/nowhere.py")
     assert exists("tools/export/")
-    assert not defined("no_such_function")
-    assert defined("match_pair")
     with pytest.raises(AssertionError):
         section("No such heading")
     assert described("A room.\n\n* ``a``, ``b``: two\n* **a**: a word\n") == ["a", "b"]

@@ -94,19 +94,6 @@ def test_a_wrong_block_is_noticed(tmp_path, monkeypatch):
     assert run_page("```text\nanything\n```\n", tmp_path, monkeypatch) == 0
 
 
-def test_only_plain_calls_run_without_a_shell():
-    assert plain_commands("collalign a b\n\ncollalign d\n") == [["a", "b"], ["d"]]
-    for code in (
-        "ls",
-        "collalign a | head",
-        "collalign a > b",
-        "collalign $A",
-        "collalign *.ply",
-        "collalign 'a b'",
-    ):
-        assert plain_commands(code) is None
-
-
 def test_navigation_has_every_page():
     navigation = (ROOT / "mkdocs.yml").read_text("utf-8")
     for page in PAGES:
@@ -140,13 +127,6 @@ def test_the_reference_has_every_public_name_once():
             if not isinstance(one, ModuleType) and one not in objects and home(one) not in modules
         ]
         assert not missing
-
-
-@pytest.mark.parametrize("face", FACES, ids=lambda face: face.__name__)
-def test_a_page_of_the_reference_shows_one_module(face):
-    names = reference_names(face.__name__.rpartition(".")[2])
-    assert names
-    assert {name.rpartition(".")[0] for name in names} == {face.__name__}
 
 
 @pytest.mark.parametrize(

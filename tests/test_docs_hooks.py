@@ -24,9 +24,3 @@ def test_equations_become_mathml_and_roles_plain_code():
     assert 'display="block"' in found
     assert found.endswith(" <code>match</code>")
     assert "arithmatex" not in found
-
-
-def test_nothing_of_the_site_comes_from_elsewhere():
-    settings = (FOLDER / "mkdocs.yml").read_text(encoding="utf-8")
-    assert "http" not in settings
-    assert "font: false" in settings

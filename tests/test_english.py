@@ -91,9 +91,3 @@ def test_pages_are_in_plain_english(page):
 )
 def test_a_bad_sentence_is_noticed(bad, said):
     assert any(said in fault for fault in faults(bad))
-
-
-def test_tables_code_and_links_are_no_sentences():
-    page = "# A title\n\nOne [link](a/b.md). Two `a. B`.\n\n| a cell. |\n\n```bash\na. B\n```\n\n- an item\n- one\n"
-    assert sentences(page) == ["One link.", "Two code.", "an item", "one"]
-    assert faults(page) == []

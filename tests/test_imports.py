@@ -73,11 +73,6 @@ def test_every_error_is_in_the_module_of_errors():
 FACES = (collalign, *(one for one in vars_of(collalign) if isinstance(one, ModuleType)), pairwise)
 
 
-def test_no_dictionary_of_keywords_is_public():
-    names = [name for face in FACES for name in face.__all__]
-    assert not [name for name in names if name.endswith("Keywords")]
-
-
 def run_without(blocked):
     code = ALIGN_WITHOUT.format(blocked=blocked)
     return subprocess.run(

@@ -12,7 +12,6 @@ from tests.oracles import (
     check_pose,
     check_relaxation,
     in_rotation_hull,
-    injective_maps,
     isometries,
 )
 from tests.problems import catalogue, chair, planted, random_rotation
@@ -39,30 +38,6 @@ def _isometric_pose(known):
     energies = [known.problem.energy(r, m) for r, m in zip(rotations, maps, strict=True)]
     best = int(np.argmin(energies))
     return rotations[best], maps[best]
-
-
-def test_injective_maps_are_counted_by_hand():
-    assert len(injective_maps(np.ones((5, 3), bool))) == 60
-    assert len(injective_maps(np.eye(4, dtype=bool))) == 1
-    mask = np.ones((3, 3), bool)
-    mask[0, 0] = False
-    assert len(injective_maps(mask)) == 4
-
-
-def test_brute_force_beats_random_poses(rng):
-    problem = Problem.from_user(rng.random((5, 3)), rng.random((4, 3)), weights=rng.random(4))
-    best = brute_force(problem)
-    assert check_pose(problem, best.rotation, best.point_map, best.energy) == []
-    for _ in range(300):
-        point_map = rng.permutation(5)[:4]
-        assert problem.energy(random_rotation(rng, 3), point_map) >= best.energy
-        assert problem.energy(problem.procrustes(point_map), point_map) >= best.energy - 1e-12
-
-
-def test_brute_force_refuses_bands(rng):
-    problem = Problem.from_user(rng.random((4, 3)), rng.random((4, 3)), rotation_pattern=1)
-    with pytest.raises(ValueError, match="blocks"):
-        brute_force(problem)
 
 
 def test_check_pose_rejects_wrong_poses(rng):

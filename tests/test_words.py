@@ -4,8 +4,6 @@ import ast
 import re
 from collections import defaultdict
 
-import pytest
-
 from tests.test_layers import ROOT, sources
 
 #: Called as the command line calls them, as the driver lists its steps, or as every format of an export.
@@ -36,18 +34,6 @@ def modules():
 def test_no_two_public_things_have_one_name():
     twice = {name: paths for name, paths in public_names(modules()).items() if len(paths) > 1}
     assert twice == {}
-
-
-@pytest.mark.parametrize(
-    ("text", "names"),
-    [
-        ("def pose(): ...", ["pose"]),
-        ("class Pose: ...\ndef _pose(): ...", ["Pose"]),
-        ("def f():\n    def g(): ...", ["f"]),
-    ],
-)
-def test_the_check_sees_public_names_alone(text, names):
-    assert [*public_names({"pairwise/a.py": text})] == names
 
 
 def test_the_check_sees_a_name_in_two_places():

@@ -72,7 +72,7 @@ class Workspace:
 
     def __init__(self, place: Path, sources: Path | None = None) -> None:
         self._shapes, self.out = resolved(place), resolved(place)
-        if not (place / ALIGNMENT_FILE).is_file():
+        if not (place / ALIGNMENT_FILE).is_file():  # shapes: their result goes beside them
             read_folder(place)
             self.out = self.out.with_name(f"{self.out.name}-aligned")
         self._process: Popen[str] | None = None

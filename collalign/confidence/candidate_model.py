@@ -26,7 +26,7 @@ EVIDENCE = (
 )
 #: Log-odds lost per unit of the logarithm of each disagreement, up to :data:`MOST_EXCESS`. Fitted by ``python -m
 #: experiments calibrate evidence``.
-WEIGHTS = {
+CANDIDATE_WEIGHTS = {
     "energy": 9.7,
     "surface": 4.7,
     "normals": 5.6,
@@ -50,14 +50,16 @@ COST_TRUST, NONE_RIGHT = 24.0, -2.35
 def excess_logs(evidence: FloatArray) -> FloatArray:
     """Return by how much each disagreement is worse than the smallest of its kind, in logarithms, shape (m, kinds).
 
-    At most :data:`MOST_EXCESS`, and 0 where unknown; columns are those of :data:`WEIGHTS`.
+    At most :data:`MOST_EXCESS`, and 0 where unknown; columns are those of :data:`CANDIDATE_WEIGHTS`.
 
     Parameters
     ----------
     evidence : ndarray, shape (m, len(EVIDENCE))
         Of the poses of one pair, columns as :data:`EVIDENCE` names them; NaN where unknown, which says nothing.
     """
-    logs = np.log(np.maximum(evidence[:, [EVIDENCE.index(kind) for kind in WEIGHTS]], FLOOR))
+    logs = np.log(
+        np.maximum(evidence[:, [EVIDENCE.index(kind) for kind in CANDIDATE_WEIGHTS]], FLOOR)
+    )
     least = np.min(logs, axis=0, initial=np.inf, where=~np.isnan(logs))
     return np.nan_to_num(np.minimum(logs - least, MOST_EXCESS))
 
@@ -69,7 +71,7 @@ def evidence_score(evidence: FloatArray) -> FloatArray:
     ----------
     evidence : ndarray, shape (m, len(EVIDENCE))
     """
-    return np.asarray(-excess_logs(evidence) @ np.array([*WEIGHTS.values()]))
+    return np.asarray(-excess_logs(evidence) @ np.array([*CANDIDATE_WEIGHTS.values()]))
 
 
 def candidate_costs(energies: FloatArray, mismatches: FloatArray) -> FloatArray:

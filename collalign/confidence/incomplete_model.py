@@ -17,7 +17,7 @@ MISSING_SHARE, BEYOND = 0.085, 0.2
 #: .02 to .12, teeth .3.
 KNOWN_SIZES = (2.5, 0.03, 0.2)
 #: Weights of the three kinds of evidence of a pose. Fitted by ``python -m experiments calibrate fragments``.
-WEIGHTS = (5.5, 28.3, 5.7)
+PIECE_WEIGHTS = (5.5, 28.3, 5.7)
 #: Log odds of a pose per logarithm of its energy, where there is but one other shape (``python -m experiments
 #: calibrate margins``).
 PAIR_WEIGHT = 8.0
@@ -41,7 +41,7 @@ def log_odds(evidence: FloatArray) -> FloatArray:
         on each other, mean of logarithms, nothing where it has no counterpart; the share of theirs that it lacks
         though it has no rim there.
     """
-    return -np.asarray(WEIGHTS) @ evidence
+    return -np.asarray(PIECE_WEIGHTS) @ evidence
 
 
 def share_of_best(turns: FloatArray, odds: FloatArray) -> float:

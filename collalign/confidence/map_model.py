@@ -14,7 +14,7 @@ STRETCH_WEIGHT = 0.5
 #: Floor of a disagreement inside its logarithm.
 FLOOR = 1e-3
 #: Weights of the logarithms of what the best pose leaves, beside 1 for commutativity and roughness: their ratios in
-#: :data:`collalign.confidence.candidate_model.WEIGHTS`, which were fitted on other pairs. Normals of 1.8 with average
+#: ``CANDIDATE_WEIGHTS`` of ``candidate_model.py``, which were fitted on other pairs. Normals of 1.8 with average
 #: geodesic distances choose maps of 67 pairs of seven kinds that err .083 instead of .109, but turn two of 69 bodies.
 NORMALS_WEIGHT, SURFACE_WEIGHT = 0.8, 0.5
 #: Weight of the logarithm of what does not fit across limbs. 20 pairs of humans and armadillos err .280 with 0, .125
@@ -33,7 +33,7 @@ MAP_WEIGHTS, MAP_CONSTANT = (5.8, 0.7, 1.7), -7.7
 #: maps that are in place rank above others in 89 %; stated and right differ by .03.
 POINT_WEIGHTS, POINT_CONSTANT = (1.75, 0.2, 0.3), 1.65
 #: No confidence is stated beyond this, and none beyond the other where nothing tells left from right.
-MOST_CONFIDENT, WITHOUT_SIDES = 0.99, 0.5
+MOST_CONFIDENT_MAP, WITHOUT_SIDES = 0.99, 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,7 +117,7 @@ def map_probability(terms: FloatArray, *, knows_sides: bool) -> float:
         Whether normals tell left from right.
     """
     chance = float(1.0 / (1.0 + np.exp(-(terms @ MAP_WEIGHTS + MAP_CONSTANT))))
-    return min(chance, MOST_CONFIDENT if knows_sides else WITHOUT_SIDES)
+    return min(chance, MOST_CONFIDENT_MAP if knows_sides else WITHOUT_SIDES)
 
 
 def point_probability(terms: FloatArray, whole: float, *, knows_sides: bool) -> FloatArray:
@@ -132,7 +132,7 @@ def point_probability(terms: FloatArray, whole: float, *, knows_sides: bool) -> 
     knows_sides : bool
         As for :func:`map_probability`.
     """
-    most = MOST_CONFIDENT if knows_sides else WITHOUT_SIDES
+    most = MOST_CONFIDENT_MAP if knows_sides else WITHOUT_SIDES
     score = (
         np.column_stack([terms, np.full(len(terms), np.log(whole / (1.0 - whole)))]) @ POINT_WEIGHTS
     )

@@ -32,8 +32,9 @@ from data_tools.arrays import BoolArray, FloatArray
 LIMITS = np.array([(0.0, 1.0), (-0.3, 0.8), (-0.3, 0.8), (-2.0, 4.0)])
 #: Their weights, and the constant. Fitted by ``python -m experiments calibrate confidence``; local margin and
 #: margin share the weight of the margin as in a logistic model of which of two poses is right.
-AGREEMENT_WEIGHT, MARGIN_WEIGHT, LOCAL_WEIGHT, LEAD_WEIGHT, CONSTANT = 10.0, 1.6, 1.4, 0.6, -5.85
-WEIGHTS = np.array([AGREEMENT_WEIGHT, MARGIN_WEIGHT, LOCAL_WEIGHT, LEAD_WEIGHT])
+AGREEMENT_WEIGHT, MARGIN_WEIGHT, LOCAL_WEIGHT, LEAD_WEIGHT = 10.0, 1.6, 1.4, 0.6
+POSE_CONSTANT = -5.85
+POSE_WEIGHTS = np.array([AGREEMENT_WEIGHT, MARGIN_WEIGHT, LOCAL_WEIGHT, LEAD_WEIGHT])
 #: No more is stated than a logistic model of two things allows, or half of what is above :data:`UNCERTAIN`: of
 #: :func:`cycle_log_odds`, and of the block margin. Its constant and weights. Few shapes may all agree on a wrong
 #: pose, and so do many of which a block is rotated: their pairs err together, so that log-odds above the second
@@ -162,7 +163,7 @@ def limited(evidence: FloatArray, chances: FloatArray) -> tuple[FloatArray, tupl
 
 
 def _limited(evidence: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
-    score = terms(evidence) @ WEIGHTS + CONSTANT
+    score = terms(evidence) @ POSE_WEIGHTS + POSE_CONSTANT
     return limited(evidence, np.minimum(1.0 / (1.0 + np.exp(-score)), MOST_CONFIDENT))
 
 

@@ -31,7 +31,7 @@ from data_tools.arrays import BoolArray, FloatArray, IntArray, as_indices, read_
 from data_tools.errors import InputError
 
 #: Fewer shapes than this are mirrored by their surfaces alone, not by fits: any few pairs agree with some two sides.
-MIN_SHAPES = 6
+MIN_SHAPES_FOR_SIDES = 6
 #: Sides that fits find are real where their median preference over all pairs, times their agreement by surfaces, is
 #: at least this, and at most this share of the preferences contradicts them.
 LEAST_CONFIRMED, MOST_CONTRADICTED = 1.1e-4, 0.04
@@ -202,7 +202,7 @@ def are_mixed(fits: Sides, surfaces: SurfaceSides) -> bool:
         Of the same sides.
     """
     return bool(
-        len(fits.mirrored) >= MIN_SHAPES
+        len(fits.mirrored) >= MIN_SHAPES_FOR_SIDES
         and fits.are_likely
         and fits.contradicted <= MOST_CONTRADICTED
         and fits.median_all * surfaces.agreement >= LEAST_CONFIRMED
@@ -218,7 +218,7 @@ def are_open(fits: Sides, surfaces: SurfaceSides) -> bool:
     surfaces : SurfaceSides
         Of the same sides.
     """
-    if len(fits.mirrored) < MIN_SHAPES or not surfaces.are_known:
+    if len(fits.mirrored) < MIN_SHAPES_FOR_SIDES or not surfaces.are_known:
         return fits.are_likely
     return fits.are_suspected and surfaces.agreement >= LEAST_OPEN
 

@@ -176,7 +176,7 @@ def paired_forms(
 
 
 def _curvature_gap(of_target: FloatArray, of_source: FloatArray) -> float:
-    """Return 1 - the mean correlation of matched curvatures over the heat times."""
+    """Return 1 - the mean correlation of curvatures, (m, t) each: of m matched points, at t heat times."""
     first, second = of_target - of_target.mean(axis=0), of_source - of_source.mean(axis=0)
     norms = np.linalg.norm(first, axis=0) * np.linalg.norm(second, axis=0)
     correlations = (first * second).sum(axis=0) / np.where(norms > 0, norms, 1.0)

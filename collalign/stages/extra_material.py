@@ -22,7 +22,7 @@ from collalign.products.shapes import ExtraMaterial, Shapes
 from collalign.stages.incomplete.add import label_map
 from collalign.stages.incomplete.detect import (
     GRID_GROWTH,
-    MIN_SHAPES,
+    MIN_COMPLETE_SHAPES,
     NUM_PARTNERS,
     NUM_POINTS,
     posed_samples,
@@ -216,7 +216,7 @@ def find_extra(
         What the others lack at most, as a share of what is extra.
     """
     dense = [i for i in part if len(samples[i].dense_positions) >= NUM_POINTS]
-    if len(dense) < MIN_SHAPES:
+    if len(dense) < MIN_COMPLETE_SHAPES:
         return {}
     points = [posed_samples(samples[i], transforms[i]) for i in dense]
     surfaces = [

@@ -15,7 +15,7 @@ from collalign.engine.store import Store
 from collalign.options import AUTO, AlignOptions
 from collalign.stages.choose_pairs import all_pairs
 from collalign.stages.evidence.weigh import wants_maps, weigh_pairs
-from collalign.stages.incomplete.detect import MIN_SHAPES
+from collalign.stages.incomplete.detect import MIN_COMPLETE_SHAPES
 from collalign.stages.match_pairs import match_pairs
 from collalign.stages.pieces import assembled_shapes
 from collalign.stages.shape_stage import MOST_FOR_SIDES, prepare_shapes
@@ -184,7 +184,7 @@ def forecast(
         alone["poses"] = SYNCHRONIZATION * num_pairs * match_s
         shared["confidence"] = refines * CONFIDENCE * num * match_s
         tasks["confidence"] = num
-    if options.incomplete == AUTO and num >= MIN_SHAPES:
+    if options.incomplete == AUTO and num >= MIN_COMPLETE_SHAPES:
         shared["incomplete shapes"] = refines * MISSING * num * match_s
         tasks["incomplete shapes"] = num
     if is_assembled:

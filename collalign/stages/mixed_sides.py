@@ -17,7 +17,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from collalign.confidence.side_model import (
-    MIN_SHAPES,
+    MIN_SHAPES_FOR_SIDES,
     Sides,
     SurfaceSides,
     are_bilateral,
@@ -240,7 +240,7 @@ def staged_sides(
             nearest_pairs(edges, descriptors, num_partners), num_poses, max_steps
         )
         sides = find_sides(pairs, energies, num)
-        if num < MIN_SHAPES or not sides.are_suspected or sides.are_obvious:
+        if num < MIN_SHAPES_FOR_SIDES or not sides.are_suspected or sides.are_obvious:
             break
     return sides, np.array(pairs, dtype=np.int64).reshape(-1, 2), energies
 
@@ -322,7 +322,7 @@ def _choice_of_surfaces(
     if in_one_place:
         most = ONE_OF_TWO
         notes.append(Note("sides-in-one-place", values={"most": most}))
-    elif len(names) < MIN_SHAPES:
+    elif len(names) < MIN_SHAPES_FOR_SIDES:
         most = OF_FEW
         notes.append(Note("few-for-sides", values={"most": most}))
     return "O", tuple(notes), dict.fromkeys(range(len(names)), most) if most < 1.0 else {}
@@ -409,12 +409,12 @@ def _note_of_none(
     evidence = {"num_better": num_better, "num_pairs": int(sides.num_pairs)}
     if doubted.any():
         cause = "surfaces" if surfaces.are_known else "no-outer-side"
-        if surfaces.are_known and len(names) < MIN_SHAPES:
+        if surfaces.are_known and len(names) < MIN_SHAPES_FOR_SIDES:
             cause = "few-shapes"
         meant = tuple(name for name, is_meant in zip(names, doubted, strict=True) if is_meant)
         return Note("not-reflected-unclear", meant, {**evidence, "cause": cause})
     if look_like_posture(sides, surfaces):
         return Note("not-reflected-posture", values=evidence)
-    if len(names) < MIN_SHAPES:
+    if len(names) < MIN_SHAPES_FOR_SIDES:
         return Note("not-reflected-few", values={"num": len(names)})
     return Note("not-reflected", values=evidence)

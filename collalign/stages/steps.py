@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from collalign.confidence.pose_model import resembles_none
-from collalign.confidence.side_model import MIN_SHAPES
+from collalign.confidence.side_model import MIN_SHAPES_FOR_SIDES
 from collalign.options import AlignSession
 from collalign.products.consistent_maps import VertexMaps
 from collalign.products.pair import AlignedPair, FormerPairs, Pair, are_weighed
@@ -149,7 +149,7 @@ def weigh(run: Run, matched: Matched) -> Matched:
     with run.stage("maps"):
         pairs = weigh_pairs(run.session, run.shapes, matched.pairs)
     # Mirrored energies of few shapes cannot tell a mirrored body from one in another posture; maps can.
-    are_few = matched.group == "SO" and len(run.shapes.names) < MIN_SHAPES
+    are_few = matched.group == "SO" and len(run.shapes.names) < MIN_SHAPES_FOR_SIDES
     side_chances = {} if are_few else matched.side_chances
     return replace(matched, pairs=pairs, solution=None, side_chances=side_chances)
 

@@ -23,8 +23,9 @@ from data_tools.surface.shape import Shape
 
 #: Median distances from the surface, in its root mean square radii: landmarks of experts are nearer than the first,
 #: single ones than the second. Chosen on 14 mouse skulls and 45 shapes of SHREC07.
-SURE, FAR = 0.02, 0.1
-#: A remedy is named where it brings landmarks so many times nearer; it counts below FAR only for so many landmarks.
+ON_SURFACE, OFF_SURFACE = 0.02, 0.1
+#: A remedy is named where it brings landmarks so many times nearer. Below :data:`OFF_SURFACE` it counts only for so
+#: many landmarks.
 _NEARER, _MIN_LANDMARKS = 4.0, 4
 #: Landmarks that spread over less, in the same unit, are near any surface through that place.
 _ONE_PLACE = 0.2
@@ -141,7 +142,7 @@ def _system_on(marks: Landmarks, surface: _Surface) -> CoordinateSystem | None:
     if not len(declared):
         return None
     off = surface.median(declared)
-    return "RAS" if off > SURE and surface.median(declared * LPS_RAS) < off / 2 else "LPS"
+    return "RAS" if off > ON_SURFACE and surface.median(declared * LPS_RAS) < off / 2 else "LPS"
 
 
 def _without(
@@ -190,7 +191,7 @@ def _found_wrong(
 
 def _is_code(points: FloatArray, surface: _Surface) -> BoolArray:
     """Return which points are a code for what is missing: three times one number, away from the surface."""
-    return np.asarray(_one_number(points) & (surface.distances(points) > SURE))
+    return np.asarray(_one_number(points) & (surface.distances(points) > ON_SURFACE))
 
 
 def _is_beyond(points: FloatArray, surface: _Surface) -> BoolArray:
@@ -208,13 +209,15 @@ def _check(
 ) -> list[Note]:
     """Refuse landmarks that are off the surface, or somewhat off and on it by a remedy; doubt those in one place."""
     off, several = surface.median(points), len(points) >= _MIN_LANDMARKS
-    if off <= SURE:
+    if off <= ON_SURFACE:
         crowded = several and _spread(points) < _ONE_PLACE * surface.radius
         times, near = min(
             _rescaled(points, surface, larger=True), key=lambda one: one[1], default=(1.0, np.inf)
         )
         return (
-            [Note("landmarks-close", (name,), {"times": times})] if crowded and near <= SURE else []
+            [Note("landmarks-close", (name,), {"times": times})]
+            if crowded and near <= ON_SURFACE
+            else []
         )
     unit = "{:.4g} times as large they lie on it: the files are in different units"
     found = [(unit.format(times), near) for times, near in _rescaled(points, surface)]
@@ -227,8 +230,8 @@ def _check(
         near = _Surface(Shape.from_arrays(vertices, faces)).median(points)
         found.append((f"they lie on {other}: is the file that of another specimen?", near))
     remedy, near = min(found, key=lambda one: one[1])
-    helps = near <= min(off / _NEARER, FAR)
-    if off > FAR or (helps and several):
+    helps = near <= min(off / _NEARER, OFF_SURFACE)
+    if off > OFF_SURFACE or (helps and several):
         raise InputError(
             f"{name}: its landmarks are not on its surface. The median distance is {off * surface.radius:.4g}, and "
             f"the root mean square radius of the surface is {surface.radius:.4g}. "
@@ -265,7 +268,7 @@ def _off_surface(name: str, placed: Landmarks, surface: _Surface) -> list[Note]:
     if not len(known):
         return []
     away = surface.distances(placed.points[known])
-    far = np.flatnonzero(away > FAR)
+    far = np.flatnonzero(away > OFF_SURFACE)
     if not len(far):
         return []
     labels, distances = (

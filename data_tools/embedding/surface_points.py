@@ -40,7 +40,7 @@ LEAST_NORMAL = 0.3
 #: Cells that the centroid of a cloud is computed from, in root mean square radii of its points.
 CLOUD_CELL = 0.1
 #: Neighbours along which the side of a cloud's normals spreads.
-NUM_NEIGHBOURS = 10
+SIDE_NEIGHBOURS = 10
 #: Larger meshes are decimated to so many triangles: their vertices are what is matched.
 MAX_FACES = 40_000
 #: Neighbours that a plane is fitted to where there are no triangles.
@@ -215,9 +215,18 @@ def _mesh_rim(mesh: Shape, points: FloatArray) -> BoolArray:
 
 
 def cloud_rim(points: FloatArray, normals: FloatArray) -> BoolArray:
-    """Return which points (n, 3) of a cloud lie on a rim: their neighbours, along the normal, leave a wide gap."""
-    num = min(RIM_NEIGHBOURS + 1, len(points))
-    arms = points[cKDTree(points).query(points, k=num)[1][:, 1:]] - points[:, None]
+    """Return which points (n, 3) of a cloud lie on a rim: their neighbours, along the normal, leave a wide gap.
+
+    Copies of a point are no neighbours of it. A point whose normal is zero takes that of its neighbours' plane.
+    """
+    places = np.unique(points, axis=0)
+    num = min(RIM_NEIGHBOURS + 1, len(places))
+    arms = places[cKDTree(places).query(points, k=num)[1][:, 1:]] - points[:, None]
+    lengths = np.linalg.norm(normals, axis=1)
+    if not lengths.all():
+        without = lengths == 0.0
+        normals = normals.copy()
+        normals[without] = plane_normals(places, points[without])
     across = np.cross(normals, np.eye(3)[np.argmin(np.abs(normals), axis=1)])
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     other = np.cross(normals, across)
@@ -240,7 +249,7 @@ def one_sided(points: FloatArray, normals: FloatArray) -> FloatArray:
     The side spreads from neighbour to neighbour (Hoppe et al., SIGGRAPH 1992).
     """
     num = len(points)
-    near = cKDTree(points).query(points, k=min(NUM_NEIGHBOURS + 1, num))[1][:, 1:]
+    near = cKDTree(points).query(points, k=min(SIDE_NEIGHBOURS + 1, num))[1][:, 1:]
     rows, columns = np.repeat(np.arange(num), near.shape[1]), near.ravel()
     costs = 1.001 - np.abs(np.einsum("la,la->l", normals[rows], normals[columns]))
     tree = minimum_spanning_tree(coo_matrix((costs, (rows, columns)), shape=(num, num)).tocsr())

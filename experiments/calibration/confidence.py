@@ -16,7 +16,7 @@ from experiments.confidence.families import FAMILIES
 from experiments.confidence.fit import fit_weights, left_out, training_rows
 from experiments.experiment import Cell
 
-NAMES = ("AGREEMENT_WEIGHT", "MARGIN_WEIGHT", "LOCAL_WEIGHT", "LEAD_WEIGHT", "CONSTANT")
+NAMES = ("AGREEMENT_WEIGHT", "MARGIN_WEIGHT", "LOCAL_WEIGHT", "LEAD_WEIGHT", "POSE_CONSTANT")
 #: Runs of each collection, and their seed: another one than that of the experiment.
 NUM_RUNS, NUM_QUICK, SEED = 8, 1, 29
 
@@ -33,7 +33,7 @@ def measure_weights(data: Path, collections: Sequence[str], quick: bool) -> dict
     )
     seen, right, kind = training_rows(records)
     weights, constant = fit_weights(seen, right, kind)
-    code = [getattr(model, name) for name in NAMES[:-1]], model.CONSTANT
+    code = [getattr(model, name) for name in NAMES[:-1]], model.POSE_CONSTANT
     stated = [*(1.0 / (1.0 + np.exp(-(seen @ w + c))) for w, c in (code, (weights, constant)))]
     stated.append(left_out(seen, right, kind))
     now, best, without = (float(right[chance >= DOUBT].mean()) for chance in stated)

@@ -68,7 +68,7 @@ def fit_logit(drawn: Sequence[Sequence[WeighedPair]]) -> FloatArray:
                 slope = slope + PAIRS_A_CLASS / len(pairs) * change
         return total, slope
 
-    num = len(odds.WEIGHTS)
+    num = len(odds.CANDIDATE_WEIGHTS)
     fitted = minimize(loss, np.ones(num), jac=True, method="L-BFGS-B", bounds=[(0.0, None)] * num)
     return np.asarray(fitted.x)
 
@@ -83,7 +83,7 @@ def measure_odds(data: Path, collections: Sequence[str], quick: bool) -> dict[st
     drawn = {collection: weighed_pairs(data, collection, quick) for collection in collections}
     drawn = {collection: pairs for collection, pairs in drawn.items() if pairs}
     weights = fit_logit(list(drawn.values()))
-    code = np.array(list(odds.WEIGHTS.values()))
+    code = np.array(list(odds.CANDIDATE_WEIGHTS.values()))
     without = [
         share_right(pairs, fit_logit([found for other, found in drawn.items() if other != one]))
         for one, pairs in drawn.items()
@@ -96,13 +96,13 @@ def measure_odds(data: Path, collections: Sequence[str], quick: bool) -> dict[st
         kind: Finding(
             value=float(weight), now=shares[0], best=shares[1], left_out=float(np.mean(without))
         )
-        for kind, weight in zip(odds.WEIGHTS, weights, strict=True)
+        for kind, weight in zip(odds.CANDIDATE_WEIGHTS, weights, strict=True)
     }
 
 
 CALIBRATION = Calibration(
     module=odds.__name__,
-    constants=dict(odds.WEIGHTS),
+    constants=dict(odds.CANDIDATE_WEIGHTS),
     measure=measure_odds,
     collections=("human", "ant", "armadillo", "glasses", "fish", "bird", "plane", "teddy"),
     score=f"share of pairs whose likeliest pose is within {RIGHT_DEG:.0f} degrees, all weights together",

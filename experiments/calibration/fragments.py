@@ -211,14 +211,14 @@ def measure_weights(data: Path, collections: Sequence[str], quick: bool) -> dict
             )
         )
 
-    now = np.array(incomplete_model.WEIGHTS)
+    now = np.array(incomplete_model.PIECE_WEIGHTS)
     fitted = fit_ranking([*found.values()])
     without = {
         one: fit_ranking([found[c] for c in found if c != one]) if len(found) > 1 else fitted
         for one in found
     }
     return {
-        "WEIGHTS": Finding(
+        "PIECE_WEIGHTS": Finding(
             value=tuple(fitted.tolist()),
             now=float(np.mean([right(one, now) for one in found])),
             best=float(np.mean([right(one, fitted) for one in found])),
@@ -229,7 +229,7 @@ def measure_weights(data: Path, collections: Sequence[str], quick: bool) -> dict
 
 CALIBRATION = Calibration(
     module=incomplete_model.__name__,
-    constants=constants_of(incomplete_model, "WEIGHTS"),
+    constants=constants_of(incomplete_model, "PIECE_WEIGHTS"),
     measure=measure_weights,
     collections=("ant", "teddy", "chair", "fish", "teeth", "horse", "mouse skulls", BONES),
     score=f"share of pieces of 10 to 80 % whose likeliest pose is within {NEAR_DEG:.0f} degrees",

@@ -27,7 +27,8 @@ from collalign.engine.records import Record, decode, encode
 from data_tools.arrays import FloatArray
 from data_tools.errors import CollectionError, OptionsError
 from experiments.collections.posed import GROSS_DEG
-from experiments.collections.scoreboard import SURE, USABLE, measure_set
+from experiments.collections.scoreboard import measure_set
+from experiments.confidence.reliability import SURE, USABLE
 from experiments.experiment import Bench, Cell
 from experiments.provenance import PRODUCT, ROOT, code_digest
 from experiments.tables import Column, Row, Table, Value

@@ -105,7 +105,7 @@ def draw_subsets(data: Path, collection: str, quick: bool) -> list[Subset]:
     rng = np.random.default_rng(1)
     subsets = []
     for _ in range(NUM_QUICK_SUBSETS if quick else NUM_SUBSETS):
-        some = np.sort(rng.permutation(num)[: rng.integers(sides.MIN_SHAPES, num + 1)])
+        some = np.sort(rng.permutation(num)[: rng.integers(sides.MIN_SHAPES_FOR_SIDES, num + 1)])
         part = {look: of_pairs[np.ix_(some, some)] for look, of_pairs in energies.items()}
         for wanted in _wanted(mirrored[some], rng) if mirrored.any() else [mirrored[some]]:
             swapped = wanted != mirrored[some]

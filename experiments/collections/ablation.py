@@ -37,6 +37,7 @@ from experiments.collections.switches import (
     switched_off,
 )
 from experiments.confidence.families import FAMILIES, NUM_VERTICES, Family, pose_family
+from experiments.confidence.reliability import SURE, USABLE
 from experiments.datasets import read_canonical_class
 from experiments.experiment import Bench, Cell, Experiment, Outcome
 from experiments.pairs.incomplete import without_share
@@ -65,8 +66,6 @@ SETS: dict[str, dict[str, Any]] = {
 NUM_DRAWS = 2
 #: Share of a shape that is cut off.
 CUT_SHARE = 0.35
-#: What is stated at this confidence should be right, and what is right should be stated at that.
-SURE, USABLE = 0.95, 0.9
 VERSION = "2"
 
 LONG_BONES = Family(

@@ -23,8 +23,9 @@ from data_tools.io.objects import list_shapes
 from experiments.clock import stopwatch
 from experiments.collections.landmarked import CLASSES, MORE_CLASSES, read_dataset
 from experiments.collections.posed import GROSS_DEG, PosedCollection, pose_collection
-from experiments.collections.scoreboard import SURE, Drawn, compare
+from experiments.collections.scoreboard import Drawn, compare
 from experiments.confidence.families import FAMILIES, Family, pose_family
+from experiments.confidence.reliability import SURE
 from experiments.datasets import Dataset, read_canonical_class, read_truth_folder
 from experiments.experiment import Bench, Cell, Experiment, Outcome
 from experiments.generated.assembled import CLASSES as ASSEMBLED

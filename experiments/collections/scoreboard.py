@@ -28,6 +28,7 @@ from experiments.clock import stopwatch
 from experiments.collections.landmarked import CLASSES, MORE_CLASSES, read_dataset
 from experiments.collections.posed import GROSS_DEG, MIRRORED_DEG, PosedCollection, pose_collection
 from experiments.confidence.families import FAMILIES, Family, numbered, pose_family
+from experiments.confidence.reliability import SURE, USABLE
 from experiments.datasets import Dataset, read_canonical_class, read_truth_folder
 from experiments.experiment import Bench, Cell, Experiment, Outcome
 from experiments.generated.animals import animal
@@ -42,8 +43,6 @@ from experiments.provenance import ROOT, code_digest
 from experiments.tables import Column, Row, Table
 
 NUM_DRAWS = 2
-#: What is stated at this confidence should be right, and what is right should be stated at that.
-SURE, USABLE = 0.95, 0.9
 #: Shapes of a class, of a set of landmarked or registered shapes, and of a generated family.
 OF_CLASS, OF_SET, OF_FAMILY = 12, 24, 8
 #: Depth images of a generated room.

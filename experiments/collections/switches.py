@@ -193,7 +193,7 @@ SWITCHES: dict[str, Switch] = {
     ),
     "limit by cycles": Switch(patches={f"{_MODEL}.LIMIT_WEIGHTS": np.array([50.0, 0.0, 0.0])}),
     "shapes that resemble no other": Switch(patches={f"{_MODEL}.STRANGE": np.inf}),
-    "dense margin beside the local one": Switch(patches={f"{_MODEL}.WEIGHTS": _ONE_WAY}),
+    "dense margin beside the local one": Switch(patches={f"{_MODEL}.POSE_WEIGHTS": _ONE_WAY}),
     # incomplete shapes
     "looking for incomplete shapes": Switch(
         patches={"collalign.stages.posing.find_incomplete": _always({})}, where=OPEN

@@ -21,7 +21,14 @@ from experiments.confidence.draws import (
 )
 from experiments.confidence.families import FAMILIES
 from experiments.confidence.fit import fit_weights, training_rows
-from experiments.confidence.reliability import auc_within, reliability, right_above, unnoticed_runs
+from experiments.confidence.reliability import (
+    SURE,
+    USABLE,
+    auc_within,
+    reliability,
+    right_above,
+    unnoticed_runs,
+)
 from experiments.experiment import Bench, Experiment, Outcome, Plot
 from experiments.tables import Column, Row, Table
 
@@ -33,8 +40,6 @@ SEED = 11
 RUNS = {"real": 4, "generated": 4}
 #: Raised when stated confidences change.
 VERSION = "11"
-#: Confidence from which on a shape is called sure, and the one from which on it can be used without a look.
-SURE, USABLE = 0.95, 0.9
 RIGID = ("teeth", "mouse skulls")
 #: Fewest shapes of the runs that the table of sizes joins in one row.
 SIZES = {2: "2", 3: "3", 4: "4 to 6", 7: "7 to 12"}

@@ -12,6 +12,8 @@ from data_tools.errors import InputError
 
 #: Bins of the reliability diagram.
 NUM_BINS = 10
+#: What is stated at this confidence should be right, and what is right should be stated at that.
+SURE, USABLE = 0.95, 0.9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,9 +1,7 @@
 """Batch files: read with care, estimated without being run, run one after the other."""
 
-import errno
 import json
 import math
-import os
 import shutil
 from pathlib import Path
 
@@ -13,7 +11,6 @@ import pytest
 from collalign import load
 from collalign.batch import estimate_job, read_batch, run_batch
 from collalign.engine.run_options import RunOptions
-from collalign.engine.store import Store
 from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import InputError, OptionsError
 from tests.commands import run_command
@@ -165,38 +162,6 @@ def test_dry_run_estimates_and_writes_nothing(folder):
     assert not (folder / "a").exists()
 
 
-def test_one_bad_folder_does_not_stop_the_others(folder):
-    text = GOOD.replace('folder = "chairs"\nout = "a"', 'folder = "nowhere"\nout = "a"')
-    run_command("batch", batch_file(folder, text), "--jobs", "1", ends=3)
-    assert (folder / "b" / "alignment.json").exists()
-    estimate = estimate_job(read_batch(folder / "batch.toml")[1], RunOptions(jobs=1))
-    assert (estimate.num_shapes, estimate.num_pairs) == (0, 0)
-    assert (estimate.stages_s["shapes"], estimate.stages_s["pairs"]) == (0.0, 0.0)
-    assert estimate.stages_s["poses"] > 0  # of which no store keeps anything
-
-
-@pytest.mark.parametrize("flags", [[], ["--dry-run"]])
-def test_an_unreadable_folder_does_not_stop_the_others(flags, folder, monkeypatch):
-    refuse_to_list(folder / "secret", monkeypatch)
-    text = GOOD.replace('folder = "chairs"\nout = "a"', 'folder = "secret"\nout = "a"')
-    said = run_command("batch", batch_file(folder, text), "--jobs", "1", *flags, ends=3)
-    assert "secret: cannot be read (Permission denied)" in said.err
-    assert ("3 shapes and 3 pairs" if flags else "3 shapes") in said.out
-
-
-def refuse_to_list(folder, monkeypatch):
-    """Make a folder whose entries the system hides, as it does from anybody but root."""
-    folder.mkdir()
-    listing = Path.iterdir
-
-    def iterdir(path):
-        if path == folder:
-            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
-        return listing(path)
-
-    monkeypatch.setattr(Path, "iterdir", iterdir)
-
-
 def test_python_runs_a_batch_and_says_what_failed(folder):
     text = GOOD.replace('folder = "chairs"\nout = "a"', 'folder = "nowhere"\nout = "a"')
     lost, found = run_batch(batch_file(folder, text), run={"jobs": 1}, progress=False)
@@ -208,9 +173,3 @@ def test_python_runs_a_batch_and_says_what_failed(folder):
     again = run_batch(read_batch(folder / "batch.toml")[1:], run={"jobs": 1}, progress=False)
     assert again[0].collection is not None
     assert again[0].collection.run.num_reused == 6
-
-
-def test_status_counts_shapes_and_not_how_often_they_were_read(tmp_path):
-    with Store.open(tmp_path / "store.sqlite") as store:
-        store.plan("shapes", {key * 64: label for key, label in zip("abc", "xxy", strict=True)})
-        assert store.status()["shapes"] == {"planned": 2, "done": 0, "failed": 0, "left": 2}

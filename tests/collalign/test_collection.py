@@ -1,9 +1,7 @@
 """What a person does with a result in a notebook, just made or read from its folder."""
 
-import os
 import pickle
 import re
-import subprocess
 import sys
 from base64 import b64decode
 from dataclasses import replace
@@ -156,67 +154,11 @@ def test_the_report_opens_in_the_browser_and_in_a_frame_of_a_notebook(result, mo
     assert len(opened) == 1
 
 
-def test_reports_of_a_result_without_one_go_with_the_process(made, tmp_path):
-    made.save(tmp_path / "out", report=False)
-    (tmp_path / "tmp").mkdir()
-    code = (
-        "import collalign, sys; result = collalign.load(sys.argv[1])\n"
-        "for _ in range(2): print(result.report().path, result.report().path.stat().st_size)"
-    )
-    environment = {**os.environ, "TMPDIR": str(tmp_path / "tmp"), "BROWSER": "true"}
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(tmp_path / "out")],
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert done.stdout.count(str(tmp_path / "tmp")) == 2
-    assert [*(tmp_path / "tmp").iterdir()] == []
-
-
 def test_lists_of_shapes_and_pairs_are_tables(result):
     shapes, pairs = result.to_dataframe(), result.to_dataframe("pairs")
     assert shapes["name"].tolist() == list(result.names)
     assert shapes["confidence"][result.index("two")] == result["two"].confidence
     assert pairs["energy"].tolist() == [pair.energy for pair in result.pairs]
-
-
-def test_an_array_of_a_collection_has_the_transforms(result):
-    assert np.array_equal(np.asarray(result), result.transforms)
-    assert np.asarray(result, dtype=np.float32).dtype == np.float32
-    changed = np.array(result)
-    changed[0] = 0.0
-    assert result.transforms[0].any()
-    with pytest.raises(ValueError, match="without a copy"):
-        result.__array__(np.float32, copy=False)
-
-
-def test_meshes_lie_in_the_common_frame(result, made):
-    meshes = result.to_trimesh()
-    assert [type(mesh).__name__ for mesh in meshes.values()] == ["Trimesh", "PointCloud", "Trimesh"]
-    for at, mesh in enumerate(meshes.values()):
-        np.testing.assert_allclose(
-            np.asarray(mesh.vertices)[made.samples[at]],
-            made.positions[at],
-            atol=1e-5 * np.ptp(made.positions),
-        )
-    assert list(result.to_trimesh(["two"])) == ["two"]
-
-
-@pytest.mark.parametrize("library", ["open3d", "tiny3d"])
-def test_open3d_gets_what_trimesh_gets(result, library, request, monkeypatch):
-    monkeypatch.setitem(sys.modules, "open3d", request.getfixturevalue(library))
-    meshes, objects = result.to_trimesh(), result.to_open3d()
-    assert list(objects) == list(meshes)
-    kinds = [type(one).__name__ for one in objects.values()]
-    assert kinds == ["TriangleMesh", "PointCloud", "TriangleMesh"]
-    for mesh, found in zip(meshes.values(), objects.values(), strict=True):
-        points = found.vertices if hasattr(found, "vertices") else found.points
-        np.testing.assert_array_equal(np.asarray(points), mesh.vertices)
-        if hasattr(found, "triangles"):
-            np.testing.assert_array_equal(np.asarray(found.triangles), mesh.faces)
-    assert list(result.to_open3d(["two"])) == ["two"]
 
 
 def test_without_open3d_it_says_what_to_install(result, tmp_path, monkeypatch):
@@ -228,9 +170,3 @@ def test_without_open3d_it_says_what_to_install(result, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "open3d", None)
     with pytest.raises(InputError, match=r"open3d.*pip install 'collalign\[open3d\]'"):
         result.to_open3d()
-
-
-def test_the_plot_has_two_pictures_of_each_shape(result):
-    figure = result.plot(["two", 0])
-    words = [text.get_text() for text in figure.axes[0].texts]
-    assert words[::2] == ["two", "<one>"]

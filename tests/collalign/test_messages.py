@@ -4,13 +4,11 @@ import errno
 import json
 import logging
 import os
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from collalign.console.messages import add_to_summary, command_messages, configure_output, end
 from collalign.engine import progress
 from tests.commands import run_command
 
@@ -44,13 +42,6 @@ def test_programs_get_one_object_and_logs_get_everything(folder, tmp_path):
     assert any("pairs: 0 of 3" in line for line in lines)
     assert any("Aligned 3 shapes" in line for line in lines)
     assert lines[-1].endswith("exit code 3")
-
-
-def test_programs_are_told_of_warnings_of_the_library(folder):
-    """A name that nearly agrees is taken, and said to people and programs."""
-    said = run_command("align", folder, "--check", "--exclude", "B.xyz", "--json", ends=3)
-    assert json.loads(said.out)["warnings"][0] == "exclude: 'B.xyz' is taken as 'b'"
-    assert "'B.xyz' is taken as 'b'" in said.err
 
 
 def test_off_a_terminal_stages_are_lines_unless_nobody_wants_them(folder, tmp_path):
@@ -94,43 +85,6 @@ def test_errors_are_told_as_well(wrong):
     assert wrong[-2] in told["error"] or "nowhere" in told["error"]
 
 
-def test_a_batch_tells_of_each_folder(folder, tmp_path):
-    jobs = "".join(
-        f"[[jobs]]\nfolder = '{at}'\nout = '{tmp_path / out}'\n"
-        for at, out in ((folder, "x"), ("no", "y"))
-    )
-    (tmp_path / "batch.toml").write_text(
-        "[options.sampling]\nnum_points = 12\nnum_dense_points = 0\n" + jobs
-    )
-    first, second = json.loads(
-        run_command("batch", tmp_path / "batch.toml", "--jobs", "1", "--json", ends=3).out
-    )["jobs"]
-    assert (first["shapes"], first["exit_code"], second["exit_code"]) == (3, 3, 2)
-    assert "no such folder" in second["error"]
-
-
-def test_what_is_unknown_is_null_for_programs(capsys):
-    with command_messages():
-        configure_output(quiet=False, as_json=True, verbose=False, log=None)
-        add_to_summary(
-            confidence=np.array([0.5, np.nan]),
-            bound=float("-inf"),
-            path=Path("a"),
-            nested={"x": (np.float64("nan"),)},
-        )
-        assert end(3) == 3
-    told = json.loads(
-        capsys.readouterr().out, parse_constant=lambda word: pytest.fail(f"{word} is not JSON")
-    )
-    assert told == {
-        "exit_code": 3,
-        "confidence": [0.5, None],
-        "bound": None,
-        "path": "a",
-        "nested": {"x": [None]},
-    }
-
-
 def test_a_log_of_lines_for_programs_tells_of_each_stage_and_the_end(folder, tmp_path):
     log = tmp_path / "run.jsonl"
     run_command("align", folder, "--out", tmp_path / "out", *FLAGS, "--log", log, ends=3)
@@ -153,22 +107,6 @@ def test_a_log_of_lines_for_programs_tells_of_each_stage_and_the_end(folder, tmp
     }
     assert all(line["seconds"] >= 0 and line["done"] <= line["total"] for line in stages)
     assert all({"time", "level", "message"} <= line.keys() for line in lines[1:])
-
-
-@pytest.mark.parametrize("name", ["mesh.ply", "alignment.json", "log.jsonl"])
-def test_a_log_goes_into_no_file_of_somebody_else(name, tmp_path):
-    path = tmp_path / name
-    path.write_bytes(b"# log of another program")
-    assert "Name a new file" in run_command("status", tmp_path, "--log", path, ends=2).err
-    assert path.read_bytes() == b"# log of another program"
-
-
-def test_a_log_is_not_waited_for(tmp_path):
-    if not hasattr(os, "mkfifo"):
-        pytest.skip("this system has no named pipes")
-    os.mkfifo(tmp_path / "pipe")
-    said = run_command("status", tmp_path, "--log", tmp_path / "pipe", ends=2)
-    assert "is not a regular file" in said.err
 
 
 def test_control_characters_in_names_reach_no_output(tmp_path):

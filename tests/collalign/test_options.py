@@ -1,5 +1,4 @@
 import dataclasses
-import sys
 
 import joblib
 import numpy as np
@@ -10,7 +9,7 @@ from collalign.engine.run_options import RunOptions
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.options import AlignOptions, TwoShapeOptions
 from collalign.tools.stability.run import StabilityOptions
-from data_tools.errors import CollalignError, OptionsError, UnavailableError
+from data_tools.errors import CollalignError, OptionsError
 from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
 from pairwise.options import MatchOptions, PairOptions
 from pairwise.rotation_sets import random_rotations
@@ -78,14 +77,6 @@ def test_there_are_as_many_workers_as_asked_for_but_no_more_than_cores(monkeypat
     assert [RunOptions(jobs=jobs).num_workers for jobs in (-1, 1, 3, 16)] == [4, 1, 3, 4]
 
 
-def test_there_are_no_more_options_than_anybody_reads():
-    flat = [
-        value if isinstance(value, dict) else [value]
-        for value in dataclasses.asdict(AlignOptions()).values()
-    ]
-    assert sum(map(len, flat)) <= 42
-
-
 def test_the_preset_of_the_paper_sets_what_the_paper_did():
     paper = AlignOptions(preset="paper")
     assert (paper.group, paper.pairs, paper.synchronization) == ("SO", "all", "spectral")
@@ -100,37 +91,6 @@ def test_the_preset_of_the_paper_sets_what_the_paper_did():
     assert own.matching == dataclasses.replace(paper.matching, max_candidates=3)
     assert dataclasses.replace(paper, seed=1) == AlignOptions(preset="paper", seed=1)
     assert AlignOptions(preset="default") == AlignOptions()
-
-
-def test_the_preset_of_the_paper_for_two_shapes_has_what_they_have_of_it():
-    whole, pair = AlignOptions(preset="paper"), TwoShapeOptions(preset="paper")
-    for name in ("group", "refine", "sampling", "embedding", "matching"):
-        assert getattr(pair, name) == getattr(whole, name)
-    own = TwoShapeOptions(preset="paper", group="O", matching={"solver": "scs"})
-    assert own.group == "O"
-    assert own.of_pair == MatchOptions(
-        strategy="relaxation", row_sums=False, num_draws=0, solver="scs"
-    )
-
-
-def test_the_solver_of_the_relaxation_reaches_the_pairs_and_is_missed_at_once(rng, monkeypatch):
-    points = rng.random((8, 3))
-    clouds = {f"s{i}": points + 0.05 * rng.standard_normal((8, 3)) for i in range(3)}
-    keywords = {"preset": "paper", "embedding": {"kind": "xyz"}, "jobs": 1, "progress": False}
-    bounds = [
-        [
-            pair.lower_bound
-            for pair in collalign.align_collection(
-                clouds, **keywords, matching={"solver": solver}
-            ).pairs
-        ]
-        for solver in ("built-in", "clarabel")
-    ]
-    np.testing.assert_allclose(*bounds, rtol=2e-3, atol=1e-6)
-    assert bounds[0] != bounds[1]
-    monkeypatch.setitem(sys.modules, "cvxpy", None)
-    with pytest.raises(UnavailableError, match=r"pip install 'collalign\[cvxpy\]'"):
-        collalign.align_collection(clouds, **keywords, matching={"solver": "clarabel"})
 
 
 def test_the_preset_of_the_paper_relaxes_every_pair_and_the_default_none(rng):
@@ -149,12 +109,6 @@ def test_the_preset_of_the_paper_relaxes_every_pair_and_the_default_none(rng):
     assert np.isnan([pair.lower_bound for pair in default.pairs]).tolist() == [True] * 3
     np.testing.assert_allclose(paper.rotations, turns, atol=0.1)
     assert np.isnan(paper.confidence).all()
-
-
-def test_options_of_two_shapes_may_be_keywords_and_tables():
-    cloud = np.random.default_rng(0).random((20, 3))
-    matched = collalign.match_rigid(cloud, cloud * (1, 1, -1), group="O", options={"seed": 1})
-    assert matched.result.candidates[0].reflected
 
 
 @pytest.mark.parametrize(

@@ -60,15 +60,6 @@ def test_rotations_whose_squares_overflow_are_refused():
         arrays.as_rotations(np.array([[1e200, 1e200], [1e200, -1e200]]), "R")
 
 
-def test_limits_belong_to_the_right_side():
-    assert arrays.as_indices([2], "i", upper=3).tolist() == [2]
-    with pytest.raises(InputError, match="expected them in"):
-        arrays.as_indices([3], "i", upper=3)
-    assert len(arrays.as_points(np.zeros((2, 3)), "p", min_points=2)) == 2
-    with pytest.raises(InputError, match="at least 2"):
-        arrays.as_points(np.zeros((1, 3)), "p", min_points=2)
-
-
 def test_one_reflection_among_rotations_is_refused_and_so_is_a_matrix_that_is_slightly_off():
     both = np.stack([np.eye(3), np.diag([1.0, 1.0, -1.0])])
     assert len(arrays.as_rotations(both, "R", group="O")) == 2

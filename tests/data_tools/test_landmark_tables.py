@@ -78,35 +78,6 @@ def test_curves_and_scales_of_tps(tmp_path):
     np.testing.assert_array_equal(read_specimens(path)["a"].points[1], [0.5, 1, 1.5])
 
 
-def test_a_scale_may_be_empty_and_decimals_marked_by_commas(tmp_path):
-    path = tmp_path / "b.tps"
-    for scale, factor in (("", 1.0), ("0,5", 0.5)):
-        path.write_text(f"LM3=2\n0 0 0\n1,5 2,5 3,5\nIMAGE=b.ply\nSCALE={scale}\n")
-        np.testing.assert_array_equal(
-            read_specimens(path)["b"].points[1], factor * np.array([1.5, 2.5, 3.5])
-        )
-
-
-def test_what_is_readable_is_said_with_all_suffixes(tmp_path):
-    (tmp_path / "a.land").write_text("1 2 3")
-    with pytest.raises(InputError) as caught:
-        read_specimens(tmp_path / "a.land")
-    for suffix in (
-        ".mrk.json",
-        ".json",
-        ".fcsv",
-        ".csv",
-        ".pts",
-        ".tsv",
-        ".tps",
-        ".nts",
-        ".dta",
-        ".morphologika",
-        ".txt",
-    ):
-        assert f"{suffix}," in f"{caught.value},"
-
-
 def test_tables_of_several_specimens_keep_their_system(tmp_path):
     path = tmp_path / "all.csv"
     path.write_text("specimen;label;r;a;s\nA;p;1,5;2;3\nB;p;4;5;6\n")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from data_tools.errors import InputError
-from data_tools.local_surface import MOST_COMPARED, NUM_BINS, LocalSurface
+from data_tools.local_surface import NUM_BINS, LocalSurface
 from data_tools.surface.point_features import fast_point_features
 from tests.neighbourhoods import bumpy
 
@@ -32,15 +32,6 @@ def test_descriptors_are_unit_vectors_near_the_roots_of_the_histograms():
     np.testing.assert_allclose(surface.features, roots, atol=0.006)
 
 
-def test_large_surfaces_are_compared_at_an_even_choice():
-    for num, compared in (
-        (MOST_COMPARED, MOST_COMPARED),
-        (MOST_COMPARED + 1, MOST_COMPARED // 2 + 1),
-    ):
-        points, normals = bumpy(num)
-        assert len(points[LocalSurface.from_user(points, normals, 0.05).few()]) == compared
-
-
 @pytest.mark.parametrize(
     ("points", "normals", "cell", "name"),
     [
@@ -54,13 +45,3 @@ def test_large_surfaces_are_compared_at_an_even_choice():
 def test_bad_arrays_are_named(points, normals, cell, name):
     with pytest.raises(InputError, match=name):
         LocalSurface.from_user(points, normals, cell)
-
-
-def test_the_other_side_of_a_surface_is_described_without_looking_again():
-    points, normals = bumpy()
-    surface = LocalSurface.from_user(points, normals, 0.15)
-    turned = surface.reversed()
-    again = LocalSurface.from_user(points, -normals, 0.15)
-    np.testing.assert_array_equal(turned.normals, -normals)
-    np.testing.assert_allclose(turned.histograms.astype(int), again.histograms.astype(int), atol=1)
-    assert np.abs(turned.histograms.astype(int) - surface.histograms.astype(int)).max() > 10

@@ -6,7 +6,7 @@ import unicodedata
 import pytest
 
 from data_tools.errors import InputError
-from data_tools.names import by_known_names, known_names, match_names, nearest_names, nearly
+from data_tools.names import by_known_names, known_names, match_names, nearest_names
 
 
 @pytest.mark.parametrize(
@@ -48,13 +48,6 @@ def test_one_name_that_nearly_agrees_is_meant(asked, known):
 )
 def test_what_may_mean_several_or_none_is_not_taken(asked, known):
     assert match_names(asked, known) == {}
-
-
-def test_a_name_that_agrees_exactly_goes_before():
-    assert match_names(["a1", "A1"], ["a1", "A1"]) == {"a1": "a1", "A1": "A1"}
-    assert match_names(["a1", "A1", "x/a1.stl"], ["a1"]) == {"a1": "a1", "x/a1.stl": "a1"}
-    assert match_names(["v1.b"], ["v1", "v1.b"]) == {"v1.b": "v1.b"}
-    assert nearly({"x/a1.stl": "a1", "A1": "a1"}) == {"A1": "a1"}
 
 
 def test_near_names_are_told_and_unknown_ones_refused_with_the_nearest(caplog):

@@ -3,7 +3,7 @@ import json
 import pytest
 
 from data_tools.errors import InputError
-from data_tools.notes import Note, listed, percent
+from data_tools.notes import Note, listed
 
 FULL = Note("odd", ("a", "b"), {"times": (2.0, 3.5), "num": 4, "why": "size"})
 
@@ -42,14 +42,6 @@ def test_damaged_records_are_refused(change):
         Note.from_record(FULL.record() | change)
     with pytest.raises(InputError, match="expected a code"):
         Note.from_record("odd")
-
-
-@pytest.mark.parametrize(
-    ("share", "words"),
-    [(1.0, "100 %"), (0.999, "99 %"), (0.29, "29 %"), (0.0, "0 %"), (float("nan"), "unknown")],
-)
-def test_what_is_not_certain_is_never_called_so(share, words):
-    assert percent(share) == words
 
 
 def test_long_lists_are_cut():

@@ -1,7 +1,4 @@
-import os
-import subprocess
 import sys
-from pathlib import Path
 from types import FunctionType
 
 import pytest
@@ -16,12 +13,9 @@ import pairwise
 from collalign.engine.run_jobs import run_jobs
 from data_tools import threads
 from data_tools.arrays import as_points
-from data_tools.datasets.synthetic import write_collection
 from data_tools.embedding.embedding import sample_shape
 from data_tools.threads import one_blas_thread
-from tests.finished_runs import chairs
 
-ROOT = Path(__file__).resolve().parents[2]
 #: Beside whatever the packages export.
 DOORS = {
     "save": collalign.output.write.save_collection,
@@ -117,50 +111,3 @@ def test_tasks_have_one_thread(num_jobs):
         result.value for result in run_jobs(num_threads, [("a", 0), ("b", 1)], num_jobs=num_jobs)
     ]
     assert results == [{1}, {1}]
-
-
-def outputs(folder):
-    """Return what a run wrote, without run.json, which has its times."""
-    meshes = {path.name: path.read_bytes() for path in (folder / "meshes").iterdir()}
-    files = ("alignment.json", "contact_sheet.png", "correspondences.npz", "evidence.npz")
-    files += ("pairs.csv", "report.html")
-    return meshes | {name: (folder / name).read_bytes() for name in files}
-
-
-@pytest.mark.usefixtures("two_cores")
-def test_the_environment_changes_no_byte(tmp_path):
-    write_collection(tmp_path / "shapes", chairs(3))
-    written = []
-    for threads_asked, jobs in (("1", "1"), ("8", "2")):
-        out = tmp_path / threads_asked
-        flags = [
-            "--sampling.num-points",
-            "24",
-            "--sampling.num-dense-points",
-            "150",
-            "--jobs",
-            jobs,
-        ]
-        subprocess.run(
-            [
-                sys.executable,
-                "-m",
-                "collalign",
-                "align",
-                str(tmp_path / "shapes"),
-                "--out",
-                str(out),
-                *flags,
-            ],
-            check=True,
-            cwd=ROOT,
-            capture_output=True,
-            env={
-                **os.environ,
-                "OMP_NUM_THREADS": threads_asked,
-                "OPENBLAS_NUM_THREADS": threads_asked,
-            },
-        )
-        written.append(outputs(out))
-    assert len(written[0]) == 9
-    assert written[0] == written[1]

@@ -13,7 +13,6 @@ from collalign.engine.store import Store
 from collalign.options import AlignOptions
 from collalign.output.loading import load
 from collalign.output.verify import verify_result
-from collalign.tools.certify import rounds
 from collalign.tools.certify.command import certification_notes
 from collalign.wording import note_records
 from data_tools.errors import InputError, OptionsError
@@ -80,25 +79,6 @@ def test_a_part_is_named_and_a_shape_that_stands_on_its_head_is_found(result, tm
     )
     assert sure.values["doubtful"] == ()
     assert unsure.values["doubtful"] == view.names[2:3]
-
-
-def test_the_budget_and_the_rounds_end_a_certification_that_still_holds(
-    result, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(rounds, "TUNED", rounds.TUNED._replace(settled=-1.0))
-    run = collalign.RunOptions(jobs=1, store=tmp_path / "store.sqlite")
-    shutil.copy(result / "store.sqlite", tmp_path)
-    found = collalign.certify_collection(result, budget_s=1e-9, run=run, progress=False).joint
-    run_command("status", tmp_path / "store.sqlite")
-    assert (found.bound, found.ended) == (0.0, "time")
-    run = collalign.RunOptions(jobs=1, store=result / "store.sqlite")
-    ended = []
-    for limits in ({"enough": 1.0, "most_rounds": 1}, {"enough": 0.5}):
-        monkeypatch.setattr(rounds, "TUNED", rounds.TUNED._replace(**limits))
-        found = collalign.certify_collection(result, run=run, progress=False).joint
-        ended.append(found.ended)
-        assert 0.5 * found.energy < found.bound <= found.energy
-    assert ended == ["rounds", "enough"]
 
 
 def test_wrong_names_files_and_options_are_refused(result, tmp_path):

@@ -7,7 +7,6 @@ import pytest
 
 import collalign
 from collalign.output.loading import load
-from data_tools.datasets.synthetic_shapes import blob, sphere_mesh
 from data_tools.io.shapes import read_alike, write_mesh
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
@@ -98,17 +97,3 @@ def test_two_chairs_are_matched_by_all_of_their_boxes(chairs):
         rotation = found.transform[:3, :3] / np.cbrt(np.linalg.det(found.transform[:3, :3]))
         assert rotation_angle_deg(rotation @ turns[3] @ turns[1].T) < 10.0
     assert [len(shape.vertices) > 400 for shape in read_alike(files)] == [True, True]
-
-
-def test_fragments_beside_one_shape_are_left_out(tmp_path, rng):
-    ball, faces = sphere_mesh(40)
-    for at in range(4):
-        shape = blob(rng, num_vertices=150)
-        vertices, triangles = shape.vertices, shape.faces
-        if at == 2:
-            vertices = np.concatenate([vertices, 0.4 * ball + 2.0])
-            triangles = np.concatenate([triangles, faces + 150])
-        write_mesh(tmp_path / f"s{at}.ply", Shape.from_arrays(vertices, triangles))
-    found = collalign.align_collection(tmp_path, options=OPTIONS, jobs=1, progress=False)
-    assert found.samples.max() < 150
-    assert not found.assembled

@@ -1,7 +1,6 @@
 """Shapes in the coordinates of a map: exports are exact, and coarse steps and colours that are lost are named."""
 
 import csv
-import json
 import re
 
 import numpy as np
@@ -13,7 +12,6 @@ from data_tools.io.shapes import read_shape
 from data_tools.options import AS_STORED
 from data_tools.rotations import random_rotation
 from tests.commands import run_command
-from tests.notes import codes
 
 FLAGS = ["--sampling.num-points", "12", "--sampling.num-dense-points", "50", "--jobs", "1"]
 PLACE = np.array([456789.123, 5412345.678, 312.4])
@@ -45,18 +43,6 @@ def near(points, file, atol=1e-6):
     return (apart < atol).all()
 
 
-@pytest.mark.parametrize("format", ["ply", "obj", "stl", "shapeworks"])
-def test_meshes_in_raw_space_are_those_of_the_files(surveyed, tmp_path, format):
-    written = [
-        path
-        for path in export(surveyed / "out", format, tmp_path, space="raw")
-        if path.suffix in (".ply", ".obj", ".stl")
-    ]
-    assert len(written) == 4
-    for path in written:
-        assert near(read_shape(path).vertices, surveyed / "in" / f"{path.stem}.obj")
-
-
 def test_landmarks_in_raw_space_are_points_of_the_files(surveyed, tmp_path):
     export(surveyed / "out", "csv", tmp_path, space="raw")
     rows = list(csv.DictReader((tmp_path / "landmarks.csv").read_text().splitlines()))
@@ -71,14 +57,6 @@ def test_landmarks_in_raw_space_are_points_of_the_files(surveyed, tmp_path):
         text = "".join(path.read_text() for path in paths if path.suffix == f".{ending}")
         numbers = np.array(re.findall(r"-?\d+\.\d+", text), dtype=float)
         assert all(np.abs(numbers - value).min() < 1e-6 for value in points[0])
-
-
-def test_what_the_outputs_lack_is_said(surveyed):
-    notes = json.loads((surveyed / "out" / "alignment.json").read_text())["notes"]
-    (lost,) = [note for note in notes if note["code"] == "content-not-kept"]
-    assert lost["values"] == {"things": ["materials", "texture coordinates"], "total": 4}
-    assert len(lost["shapes"]) == 4
-    assert "coarse-coordinates" not in codes(notes)
 
 
 def test_coarse_steps_are_named_by_a_check_and_a_run(surveyed, tmp_path):

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import collalign
-from collalign.tools.export.run import export
 from data_tools.datasets.synthetic import write_collection, write_mesh
 from data_tools.landmark_files import Landmarks
 from tests.finished_runs import chairs
@@ -57,23 +56,4 @@ def test_a_tool_finds_the_same_of_a_result_in_memory_and_of_its_folder(found, fo
     made, out, alone = forms
     np.testing.assert_allclose(
         found(made, alone, tmp_path), found(out, alone, tmp_path), rtol=1e-6, atol=1e-9
-    )
-
-
-def test_an_export_of_a_result_in_memory_has_the_files_of_its_folder(forms, tmp_path):
-    made, out, _ = forms
-    written = {
-        one: export(result, "csv", tmp_path / one) for one, result in (("made", made), ("out", out))
-    }
-    files = {path.name: path.read_bytes() for path in written["made"]}
-    assert files == {path.name: path.read_bytes() for path in written["out"]}
-    assert files
-
-
-def test_loading_a_result_gives_itself_with_its_files_where_they_are_said_to_be(forms, tmp_path):
-    made, _, _ = forms
-    assert collalign.load(made) is made
-    write_collection(tmp_path, chairs(3))
-    assert collalign.load(made, sources=tmp_path).files == tuple(
-        str(tmp_path / f"{name}.ply") for name in made.names
     )

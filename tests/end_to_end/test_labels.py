@@ -12,7 +12,6 @@ from collalign.products.trust import DOUBT
 from collalign.statistics import write_surface_variation
 from data_tools.datasets.synthetic import deformed_family, mirrored
 from data_tools.datasets.synthetic_shapes import blob
-from data_tools.errors import InputError
 from data_tools.io.shapes import write_ply
 from data_tools.rotations import random_rotation
 from tests.commands import read_json, run_command
@@ -78,16 +77,6 @@ def test_a_wrong_side_and_a_double_size_are_in_the_result(result):
     texts = {record["code"]: record["text"] for record in records}
     assert "2.0" in texts["size-apart"] or "diameter" in texts["size-apart"]
     assert "labels-taken-as" in texts
-
-
-def test_a_cell_that_is_no_number_ends_statistics(result, tmp_path):
-    wrong = table(result, tmp_path / "wrong.csv", age_3="6O")
-    words = ("variation", result, "--to", tmp_path / "out", "--labels", wrong)
-    said = run_command(*words, ends=2)
-    assert f"age: {NAMES[3]} has '6O', not a number" in said.err
-    assert not (tmp_path / "out").exists()
-    with pytest.raises(InputError, match="'6O', not a number"):
-        write_surface_variation(result, tmp_path / "out", labels=wrong)
 
 
 def test_a_table_of_which_no_row_fits_ends_every_command(result, tmp_path):

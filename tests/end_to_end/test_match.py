@@ -85,23 +85,6 @@ def test_objects_match_like_their_files(files):
     assert repr(from_files).startswith("<RigidMatch: b on a, energy")
 
 
-def test_the_answer_is_refined_on_dense_samples(files, tmp_path):
-    target, source, turn = files
-    folders = {flag: tmp_path / flag.strip("-") for flag in ("--refine", "--no-refine")}
-    records = {}
-    for flag, folder in folders.items():
-        flags = [flag, "--sampling.num-points", "12", "--out", str(folder)]
-        run_command("match", target, source, *flags)
-        records[flag] = read_json(folder / "match.json")
-    refined, plain = records["--refine"], records["--no-refine"]
-    best = refined["candidates"][0]
-    assert refined["transform"] == best["refined"]["transform"]
-    assert best["refined"]["energy"] < 1e-6
-    assert rotation_angle_deg(np.array(refined["transform"])[:3, :3] * 3.0, turn) < 0.1
-    assert plain["candidates"][0]["refined"] is None
-    assert plain["transform"] == plain["candidates"][0]["transform"]
-
-
 def test_certify_reaches_the_pair(files, tmp_path):
     target, source, _ = files
     flags = ["--certify", "--matching.time-limit-s", "1", "--sampling.num-points", "8"]

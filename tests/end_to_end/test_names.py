@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from collalign import align_collection, load
+from collalign import load
 from collalign.landmarks import transfer_landmarks
 from data_tools.datasets.synthetic import deformed_family
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.io.shapes import write_ply
 from data_tools.rotations import random_rotation
-from tests.commands import read_json, run_command
+from tests.commands import run_command
 
 NAMES = tuple(f"AMNH {100 + at}/skull" for at in range(4))
 CHOSEN = [0, 50, 100, 150]
@@ -81,32 +81,3 @@ def test_tps_names_specimens_by_image_folder_or_path(aligned, tmp_path, lines, s
     found = transfer_landmarks(place / "out", [tmp_path / "a.tps"], progress=False)
     assert found.status[2] == (BY_HAND,) * len(CHOSEN)
     assert BY_HAND not in found.status[0]
-
-
-def test_options_take_names_that_nearly_agree(aligned, tmp_path):
-    place, _ = aligned
-    run_command(
-        *(
-            "align",
-            place / "shapes",
-            "--recursive",
-            "--out",
-            tmp_path / "out",
-            "--no-report",
-            *FLAGS,
-        ),
-        *("--exclude", "amnh0103", "--reference", "AMNH-101"),
-    )
-    record = read_json(tmp_path / "out" / "alignment.json")
-    assert [shape["name"] for shape in record["shapes"]] == [*NAMES[:3]]
-    assert load(tmp_path / "out").options.reference == NAMES[1]
-    posed = align_collection(
-        place / "shapes",
-        recursive=True,
-        fixed={"amnh 100": np.eye(3)},
-        sampling={"num_points": 32},
-        progress=False,
-    )
-    np.testing.assert_allclose(
-        posed["AMNH 100/skull"].transform[:3, :3] / posed.scales[0], np.eye(3), atol=1e-9
-    )

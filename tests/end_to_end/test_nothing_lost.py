@@ -49,38 +49,6 @@ def test_what_was_aligned_again_is_not_replaced_by_its_own_result(finished, tmp_
     assert snapshot(finished / "out") == before
 
 
-@pytest.mark.parametrize(
-    "name", ["report.html", "pairs.csv", "meshes/chair1.ply", "alignment.json"]
-)
-def test_foreign_files_under_our_names_are_refused_before_the_work(
-    project, tmp_path, name, monkeypatch
-):
-    monkeypatch.setattr("collalign.align_collection", lambda *_, **__: pytest.fail("was run"))
-    foreign = tmp_path / "out" / name
-    foreign.parent.mkdir(parents=True)
-    foreign.write_text("mine")
-    said = run_command(
-        "align", project / "meshes", "--out", tmp_path / "out", "--no-report", *FLAGS, ends=2
-    )
-    assert "Move it away" in said.err
-    assert foreign.read_text() == "mine"
-
-
-def test_other_files_stay_and_former_results_go(finished, project, tmp_path):
-    out = tmp_path / "out"
-    shutil.copytree(finished / "out", out)
-    (out / "meshes" / "mine.txt").write_text("mine")
-    (project / "meshes" / "chair3.ply").unlink()
-    run_command("align", project / "meshes", "--out", out, *FLAGS, "--no-report", "--drop")
-    assert sorted(p.name for p in (out / "meshes").iterdir()) == [
-        "chair1.ply",
-        "chair2.ply",
-        "mine.txt",
-    ]
-    assert not (out / "report.html").exists()
-    assert sorted(p.name for p in (out / ".collalign").iterdir()) == ["manifest.json"]
-
-
 def test_exports_do_not_overwrite_originals(finished, tmp_path):
     before = snapshot(finished)
     for to in ("shapes", "shapes/to", "."):

@@ -10,7 +10,7 @@ import collalign
 from collalign import align_collection
 from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import InputError, OptionsError
-from data_tools.rotations import random_rotation, rotation_angle_deg
+from data_tools.rotations import rotation_angle_deg
 from tests.commands import run_command
 from tests.finished_runs import chairs
 from tests.notes import only
@@ -42,28 +42,6 @@ def plain(planted, store):
 
 def names(planted, *positions):
     return tuple(planted.shapes[i].name for i in positions)
-
-
-def test_a_pose_of_its_own_becomes_a_candidate_and_is_judged_by_its_energy(planted, store):
-    first, second, *others = names(planted, 0, 1, 2, 3)
-    # One pose of a pair finds few candidates: the right pose is new to it, and a wrong one is never believed.
-    few = {"matching": {"strategy": "search", "max_candidates": 1}}
-    wrong = random_rotation(np.random.default_rng(1))
-    right = planted.relative_rotation(0, 1)
-    found = align(
-        planted,
-        store=store,
-        candidates={(second, first): [right.T, wrong.T], tuple(others): wrong},
-        **few,
-    )
-    pair = found.pairs[first, second]
-    assert len(pair.energies) > 1
-    assert (np.diff(pair.energies) >= 0).all()
-    assert found.own == ("candidates",)
-    assert only(found.notes, "given").values == {"num_posed": 2, "num_near": 1, "near_deg": 20.0}
-    for i, j in ((0, 1), (2, 3)):
-        true = planted.relative_rotation(i, j)
-        assert rotation_angle_deg(found.rotations[i].T @ found.rotations[j], true) < 15
 
 
 def test_matched_vertices_give_a_pose_of_the_pair(planted, store):

@@ -11,7 +11,6 @@ from collalign.tools.variation.posture import parts_of_mean
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
 from data_tools.io.listing import hash_shape, parts_of
-from data_tools.io.objects import list_shapes
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.poses import moved_by
 from data_tools.rotations import random_rotation, rotation_angle_deg
@@ -87,16 +86,6 @@ def test_one_pose_a_specimen_and_every_part_is_written_there(folder, out, poses)
     assert record["shape_notes"]["s0"][0]["values"] == {"parts": ["cranium", "mandible"]}
 
 
-def test_without_being_asked_files_are_shapes_of_their_own(folder):
-    assert list_shapes(folder, recursive=True).names == (
-        *("s0/cranium", "s0/mandible", "s1/cranium", "s1/mandible"),
-        *("s2.cranium", "s2.mandible", "s3.cranium", "s3.mandible"),
-    )
-    # A folder that is named is a place.
-    assert "s0/cranium" in list_shapes([folder, folder / "s0"], parts=True).names
-    assert parts_of(folder / "s2.cranium.stl") == {}
-
-
 def test_vertices_of_the_mean_are_told_apart_by_part(out):
     collection = load(out)
     copies = [read_shape(collection.file(at)) for at in range(2)]
@@ -117,18 +106,6 @@ def test_vertices_of_the_mean_are_told_apart_by_part(out):
     names, parts = parts_of_mean(collection, dense)
     assert names == ("cranium", "mandible")
     np.testing.assert_array_equal(parts, np.repeat([0, 1], [size for _, size in copies[0].parts]))
-
-
-def test_samples_are_spread_over_the_parts_by_area(folder, out):
-    shape = read_shape(folder / "s0.*")
-    cranium, mandible = shape.split().values()
-    first = dict(shape.parts)["cranium"]
-    share = (load(out).samples[0] < first).mean()
-    assert abs(share - cranium.area / (cranium.area + mandible.area)) < 0.15
-    np.testing.assert_array_equal(
-        shape.faces, np.concatenate([cranium.faces, mandible.faces + first])
-    )
-    np.testing.assert_array_equal(shape.vertices[first:], mandible.vertices)
 
 
 def test_shapes_are_added_and_a_part_that_changes_is_noticed(folder, out, tmp_path, poses):

@@ -7,7 +7,6 @@ import pytest
 import trimesh
 
 from collalign import AlignOptions, RunOptions, align_collection
-from collalign.products.trust import DOUBT
 from data_tools.datasets.synthetic import deformed_family
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.options import SamplingOptions
@@ -117,36 +116,6 @@ def test_poses_are_right_on_a_map(kind, said):
     )
     assert kind is not on_stands or "maps" not in found.run.times_s
     assert said <= {*codes(found.notes)}
-
-
-def test_poses_about_an_axis_are_said_to_be_in_doubt():
-    """Vessels of revolution agree in their axes, mouth up, and no more can be known."""
-    rng = np.random.default_rng(0)
-    height, around = np.linspace(0, 1, 25), np.linspace(0, 2 * np.pi, 32, endpoint=False)
-    at = np.arange(24 * 32).reshape(24, 32)
-    next_to = np.roll(at, -1, axis=1)
-    faces = np.concatenate(
-        [np.stack([at, next_to, next_to + 32], -1), np.stack([at, next_to + 32, at + 32], -1)]
-    )
-    turns, given = [random_rotation(rng) for _ in range(NUM_SHAPES)], []
-    for turn in turns:
-        radii = np.array([0.0, 0.3, 0.55, 0.8, 0.78, 0.45, 0.25, 0.32]) * (
-            1 + 0.05 * rng.standard_normal(8)
-        )
-        radius = np.interp(height, np.linspace(0, 1, 8), radii)[:, None]
-        points = np.stack(
-            [
-                radius * np.cos(around),
-                radius * np.sin(around),
-                1.8 * height[:, None] + 0 * radius * around,
-            ]
-        )
-        given.append((points.reshape(3, -1).T @ turn.T, faces.reshape(-1, 3)))
-    found = align_collection(given, options=OPTIONS, run=RunOptions(jobs=1), progress=False)
-    axes = [found.rotations[k] @ turns[k] @ [0, 0, 1.0] for k in range(NUM_SHAPES)]
-    assert max(np.degrees(np.arccos(np.clip(axes[0] @ axis, -1, 1))) for axis in axes) < 5.0
-    assert (found.confidence < DOUBT).all()
-    assert "symmetric" in codes(found.notes)
 
 
 def bumpy(number, subdivisions, own=0.05):

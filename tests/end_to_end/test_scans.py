@@ -12,8 +12,6 @@ from collalign.engine.session import Session
 from collalign.stages.incomplete import scans as scanning
 from collalign.stages.incomplete.scans import (
     BADLY_MATCHED,
-    PART_CELL,
-    common_cell,
     match_badly,
     were_seen,
 )
@@ -28,7 +26,7 @@ from data_tools.rotations import random_rotation
 from tests.commands import read_json, run_command
 from tests.finished_runs import angles_deg
 from tests.notes import codes
-from tests.products import pair_of, samples_at
+from tests.products import pair_of
 
 NUM = 8
 OPTIONS = AlignOptions(group="SO", sampling=SamplingOptions(num_points=24, num_dense_points=100))
@@ -73,12 +71,6 @@ def test_scans_are_recognised_and_posed_by_default(by_default, views):
     assert [one.shape for one in by_default.incomplete] == [*range(NUM)]
     assert all(one.reason == "scan" for one in by_default.incomplete)
     assert "all-incomplete" in codes(by_default.notes)
-
-
-def test_scans_that_are_called_so_have_the_same_poses(by_default, views, aligned):
-    told = aligned(views[0], incomplete="all")
-    np.testing.assert_allclose(told.transforms, by_default.transforms)
-    assert all(one.reason == "named" for one in told.incomplete)
 
 
 def test_scans_overlap_with_their_neighbours_and_sizes_stay(by_default):
@@ -217,18 +209,6 @@ def test_images_of_a_scene_lie_apart_and_whole_hollow_shapes_on_each_other():
     assert are_scans(2.0, 0.6, 0.6, 0.0)
     assert not are_scans(2.0, 0.6, 0.0, 0.0)
     assert not are_scans(0.1, 0.99, 0.99, 0.99)
-
-
-def test_cells_hardly_depend_on_which_shapes_there_are():
-    sizes = [
-        SimpleNamespace(samples=[samples_at(size * np.eye(3)) for size in few])
-        for few in ((1.0,), (1.0, 1.02))
-    ]
-    first, second = (common_cell(shapes) for shapes in sizes)
-    assert first == second
-    assert 0.9 < first / PART_CELL < 1.1
-    tenfold = SimpleNamespace(samples=[samples_at(np.eye(3), scale=16.0)])
-    assert common_cell(tenfold) == pytest.approx(16.0 * first)
 
 
 def test_the_order_of_scans_is_a_hint(views, aligned):

@@ -14,7 +14,7 @@ from collalign.engine.store import Store
 from collalign.options import AlignOptions
 from collalign.output.loading import load
 from collalign.tools.stability.command import stability_summary, write_stability_page
-from collalign.tools.stability.run import StabilityOptions, repetitions
+from collalign.tools.stability.run import StabilityOptions
 from data_tools.errors import InputError
 from data_tools.options import SamplingOptions
 from tests.commands import run_command
@@ -117,14 +117,3 @@ def test_a_vanished_file_and_a_file_of_somebody_else_are_named(result, tmp_path)
     (copy / "stability.csv").write_text("mine")
     run_command("stability", copy, *FEW, ends=2)
     assert (copy / "stability.csv").read_text() == "mine"
-
-
-def test_what_is_repeated_differs_from_the_result_and_follows_its_seed():
-    plan = list(repetitions(OPTIONS, 10, StabilityOptions(num_points=(16, 32))))
-    assert [words for words, _, _ in plan] == [
-        *(f"8 shapes, choice {n}" for n in (1, 2, 3)),
-        *("seed 1", "seed 2", "32 points"),
-    ]
-    again = list(repetitions(OPTIONS, 10, StabilityOptions(num_points=(16, 32))))
-    assert all(np.array_equal(a[2], b[2]) for a, b in zip(plan, again, strict=True))
-    assert not list(repetitions(OPTIONS, 2, StabilityOptions(num_points=(16,), num_seeds=0)))

@@ -52,7 +52,6 @@ def test_a_scan_finds_the_better_value_and_says_what_others_would_have_chosen():
     ("name", "collection"),
     [
         ("model", "glasses"),
-        ("sides", "teeth"),
         ("evidence", "glasses"),
         ("margins", "chair"),
         ("kinds", "generated families: chairs and figures"),

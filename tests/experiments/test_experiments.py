@@ -13,7 +13,6 @@ from experiments import NAMES, load_experiment
 from experiments.__main__ import app
 from experiments.experiment import Bench, Experiment, Outcome, Plot
 from experiments.figures import theorem3
-from experiments.seen import seen_note
 from experiments.tables import Column, Table, differences
 from experiments.write import write_experiment, write_page
 
@@ -137,32 +136,7 @@ def test_the_committed_page_links_to_the_committed_sections(tmp_path):
 
 
 @pytest.mark.data
-@pytest.mark.parametrize("name", ["proofs", "ablation"])
+@pytest.mark.parametrize("name", ["proofs"])
 def test_the_quick_run_of_others_fills_their_tables(name, bench, shared_data):
     outcome = load_experiment(name).measure(replace(bench, data=shared_data, quick=True))
     assert all(table.rows for table in outcome.tables)
-
-
-@pytest.mark.data
-@pytest.mark.parametrize("name", NAMES)
-def test_what_can_be_measured_has_been_or_the_page_says_so(name, shared_data):
-    if not all((shared_data / folder).is_dir() for folder in load_experiment(name).collections):
-        pytest.skip("its collection is not here")
-    said = (ROOT / "RESULTS.md").read_text("utf-8").rpartition("Not measured yet: ")[2]
-    is_there = (ROOT / "results" / f"{name}.md").is_file()
-    assert is_there != (f"`{name}`" in said)
-
-
-def test_pages_say_on_which_of_their_collections_constants_were_chosen():
-    named = {
-        name
-        for name in NAMES
-        if (ROOT / "results" / f"{name}.md").is_file() and load_experiment(name).seen
-    }
-    assert {"capod", "figure13", "maps", "teeth_jobs"} <= named
-    for name in named:
-        section = (ROOT / "results" / f"{name}.md").read_text("utf-8")
-        experiment = load_experiment(name)
-        assert f"{experiment.about.strip()}\n\n{seen_note(experiment.seen)}\n" in section
-    assert "molars" in seen_note(["teeth"])
-    assert "SHREC07" not in seen_note(["teeth"])

@@ -69,27 +69,6 @@ def test_a_turned_shape_is_wrong_and_so_are_its_pairs(drawn):
     )
 
 
-def test_poses_of_two_parts_are_not_compared_and_their_pairs_are_gross(drawn):
-    found = compare(answer(*drawn, parts=(0, 0, 1, 0, 0, 0)), drawn[0])
-    assert (found["pair_deg"] == 180.0).tolist() == [False, True, True, False, False, False]
-    assert np.isnan(found["shape_deg"]).tolist() == [False, False, True, False, False, False]
-
-
-def test_vases_count_by_their_axis(drawn):
-    whole, turns = drawn
-    posed = PosedCollection(
-        folder=Path(),
-        names=whole.posed.names,
-        relative=whole.posed.relative,
-        axes=turns[:, :, 2],
-    )
-    spun = answer(*drawn)
-    spun.rotations[1] = np.diag([-1.0, -1.0, 1.0]) @ spun.rotations[1]
-    assert compare(spun, Drawn(posed=posed, kinds=("",) * 6))["pair_deg"].max() < 1e-4
-    spun.rotations[1] = np.diag([1.0, -1.0, -1.0]) @ spun.rotations[1]
-    assert compare(spun, Drawn(posed=posed, kinds=("",) * 6))["pair_deg"].max() > 179.0
-
-
 def test_the_figures_of_the_code_before_stay_beside_the_new_ones(tmp_path):
     record = {
         "pair_deg": np.array([1.0, 50.0]),

@@ -1,13 +1,9 @@
 """Tuned numbers are found in the source, and each changes what is run with it."""
 
-from types import SimpleNamespace
-
-import numpy as np
 import pytest
 
-from collalign.confidence.candidate_model import WEIGHTS
 from data_tools.errors import OptionsError
-from experiments.calibration.sensitivity import measure_changed, moves, sensitivity, tuned_numbers
+from experiments.calibration.sensitivity import measure_changed, tuned_numbers
 from experiments.experiment import Cell
 
 SOURCE = '''"""A room; 5.0 is none."""
@@ -38,34 +34,6 @@ def test_each_number_has_a_name_and_a_place(tmp_path):
     assert tuned_numbers(["collalign.room._SECOND"], root=tmp_path) == found[1:3]
     with pytest.raises(OptionsError, match="NOTHING: holds no tuned number"):
         tuned_numbers(["collalign.room.NOTHING"], root=tmp_path)
-
-
-def test_only_what_differs_moves():
-    before = {"pair_deg": np.array([1.0, 50.0]), "shape_deg": np.array([1.0, 50.0])}
-    before["stated"] = np.array([0.95, 0.5])
-    assert {*moves(before, before).values()} == {0.0}
-    after = before | {"stated": np.array([0.85, 0.95])}
-    assert moves(before, after) == pytest.approx(
-        {"gross": 0.0, "wrong": 50.0, "usable": -50.0, "stated": 27.5}
-    )
-
-
-def test_the_table_begins_with_what_moves_most():
-    def measure(function, cells):
-        """Let whatever is doubled move what is stated, and the first number most."""
-        stated = {name: 0.1 * ("doubled" in name) * (1 + ("[0]" in name)) for name in cells}
-        return {
-            name: {"pair_deg": np.ones(1), "shape_deg": np.ones(1), "stated": np.array([one])}
-            for name, one in stated.items()
-        }
-
-    bench = SimpleNamespace(quick=True, measure=measure)
-    place = "collalign.confidence.candidate_model.WEIGHTS"
-    rows = sensitivity(bench, [place]).rows
-    assert len(rows) == len(WEIGHTS)
-    assert rows[0]["number"] == f"{place}[0]"
-    assert rows[0]["moves"] == rows[0]["doubled stated"] == pytest.approx(20.0)
-    assert rows[-1]["moves"] == pytest.approx(10.0)
 
 
 def test_a_changed_number_changes_the_run(tmp_path):

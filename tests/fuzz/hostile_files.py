@@ -4,8 +4,6 @@ Each case is a target and what makes its file; :mod:`tests.fuzz.confined` reads 
 each time.
 """
 
-import base64
-import bz2
 import io
 import json
 import lzma
@@ -107,36 +105,18 @@ def _npz():
     triangle = npy("(1, 3)", np.array([[0, 1, 2]]).tobytes(), "'<i8'")
     vertices = ("points.npy", npy("(10, 3)", points.tobytes()))
     bodies = {
-        "lzma": lambda: bomb(zipfile.ZIP_LZMA),
         "lzma that lies": lambda: bomb(zipfile.ZIP_LZMA, lie=200),
-        "bzip2": lambda: bomb(zipfile.ZIP_BZIP2),
         "bzip2 that lies": lambda: bomb(zipfile.ZIP_BZIP2, lie=200),
-        "deflate": lambda: bomb(zipfile.ZIP_DEFLATED),
         "deflate that lies": lambda: bomb(zipfile.ZIP_DEFLATED, lie=200),
         "overlapping": _overlapping,
         "shape of 2 PiB": archive(("points.npy", npy(f"({2**48},)", bytes(48)))),
         "shape of integers without end": archive(("points.npy", npy(f"({10**4000}, 3)"))),
-        "empty shape beyond any index": archive(("points.npy", npy(f"({2**70}, 0)"))),
-        "negative shape": archive(("points.npy", npy("(-1, 3)", bytes(48)))),
         "header of any length": archive(("points.npy", npy("(1, 3)", bytes(24), length=2**32 - 1))),
         "header of brackets": archive(("points.npy", npy("(" * 9000, bytes(24)))),
-        "header of sums": archive(("points.npy", npy("(" + "-" * 9000 + "1, 3)", bytes(24)))),
         "pickle": archive(("points.npy", npy("(3,)", b"cos\nsystem\n(S'true'\ntR.", "'|O'"))),
-        "numbers without size": archive(("points.npy", npy(f"({2**40}, 3)", descr="'|V0'"))),
-        "numbers of any size": archive(("points.npy", npy("(0, 3)", descr="'|V2147483647'"))),
-        "dates": archive(("points.npy", npy("(1, 3)", bytes(24), "'<M8[s]'"))),
-        "complex": archive(("points.npy", npy("(1, 3)", bytes(48), "'<c16'"))),
-        "text": archive(("points.npy", npy("(1, 3)", bytes(12), "'<U1'"))),
-        "five axes": archive(("points.npy", npy("(1, 1, 1, 1, 3)", bytes(24)))),
         "zeros of one byte": lambda: archive(
             ("points.npy", npy(f"({6 * MIB}, 3)", bytes(18 * MIB), "'|i1'")),
             method=zipfile.ZIP_DEFLATED,
-        ),
-        "faces that do not exist": archive(
-            vertices, ("faces.npy", triangle.replace(b"\2" + bytes(7), b"\xff" * 8))
-        ),
-        "faces as numbers without end": archive(
-            vertices, ("faces.npy", npy("(1, 3)", np.full(3, np.inf).tobytes()))
         ),
         "one face a million times": lambda: archive(
             vertices,
@@ -144,10 +124,7 @@ def _npz():
             method=zipfile.ZIP_DEFLATED,
         ),
         "many members": lambda: archive(*((f"{at}.npy", b"") for at in range(30_000))),
-        "one name twice": archive(vertices, ("points.npy", npy("(1, 3)", bytes(24)))),
-        "archive in an archive": archive(("points.npy", archive(vertices))),
         "directory elsewhere": archive(vertices)[:-6] + struct.pack("<IH", 2**32 - 1, 0),
-        "encrypted": archive(vertices).replace(b"\x14\0\0\0", b"\x14\0\1\0"),
     }
     return {name: _file("a.npz", content) for name, content in bodies.items()}
 
@@ -170,7 +147,6 @@ def _pcd():
 
     bodies = {
         "packed": lambda: packed(400 * MIB, num=400 * MIB // 12),
-        "packed bytes": lambda: packed(300 * MIB, num=100 * MIB, size=1, kind="U"),
         "packed that is bearable": lambda: packed(12_000_000, num=1_000_000),
         "packed size beyond the end": file(
             "binary_compressed", struct.pack("<II", 2**32 - 1, 2**32 - 1), num=10**9
@@ -178,13 +154,9 @@ def _pcd():
         "packed before the beginning": file(
             "binary_compressed", struct.pack("<II", 6, 600) + b"\xff" * 6
         ),
-        "packed without sizes": file("binary_compressed"),
         "fields of any count": file(
             "binary", bytes(600), count=f"1 1 1 {10**18}", fields="x y z w"
         ),
-        "text of any count": file("ascii", b"1 2 3 4\n", count=f"1 1 1 {10**18}", fields="x y z w"),
-        "a header without end": b"FIELDS " + b"x " * 10**6,
-        "nothing but points without coordinates": file("binary", b"\xff" * 600),
     }
     for num in HUGE:
         bodies[f"{num} points in text"] = file("ascii", b"1 2 3\n", num=num)
@@ -233,13 +205,10 @@ def _gltf():
     primitive = {"attributes": {"POSITION": 0}, "mode": 0}
     many = np.zeros((30_000, 3), dtype="<f4").tobytes()
     big = _document(many, accessors=[_accessor(30_000)])
-    triangles = {"attributes": {"POSITION": 0}}
     meshes = {
         "sparse": _sparse(10_000_000),
-        "sparse of any rows": _sparse(4, 10**12),
         "sparse of any count": _sparse(10**18),
         "copies": big | {"nodes": [{"mesh": 0}] * 5000, "scenes": [{"nodes": [*range(5000)]}]},
-        "triangles without indices": big | {"meshes": [{"primitives": [triangles] * 5000}]},
         "morph targets": big
         | {
             "meshes": [{"primitives": [primitive | {"targets": [primitive["attributes"]] * 5000}]}],
@@ -247,26 +216,9 @@ def _gltf():
         },
         "a circle of nodes": _document(nodes=[{"children": [1], "mesh": 0}, {"children": [0]}]),
         "a chain of nodes": _document(nodes=[*chain, {"mesh": 0}]),
-        "a matrix of three": _document(nodes=[{"mesh": 0, "matrix": [1, 2, 3]}]),
-        "scales beyond numbers": _document(nodes=[{"mesh": 0, "scale": [1e308] * 3}]),
-        "rotation of nothing": _document(nodes=[{"mesh": 0, "rotation": [0, 0, 0, 0]}]),
-        "Draco": _document(
-            accessors=[{"componentType": 5126, "count": 10**9, "type": "VEC3"}],
-            meshes=[
-                {
-                    "primitives": [
-                        primitive
-                        | {"extensions": {"KHR_draco_mesh_compression": {"bufferView": 0}}}
-                    ]
-                }
-            ],
-        ),
         "a stride beyond the end": _document(
             bufferViews=[{"buffer": 0, "byteLength": 48, "byteStride": 2**60}]
         ),
-        "tables that are none": _document(accessors={"0": _accessor(4)}),
-        "counts that are none": _document(accessors=[_accessor(1.5)]),
-        "an offset before the beginning": _document(accessors=[_accessor(4, byteOffset=-48)]),
     }
     bodies = {
         name: (
@@ -281,7 +233,6 @@ def _gltf():
         "a number without end": glb(b'{"asset": {"version": 2}, "scene": ' + b"9" * 10**5 + b"}"),
         "a length beyond the end": glb(_document(), length=2**32 - 1),
         "a chunk beyond the end": glb(_document())[:12] + b"\xff" * 4 + b"JSON",
-        "a list": glb(b"[1, 2]"),
     }
     found = {name: _file("a.glb", content) for name, content in bodies.items()}
     for name, uri in (
@@ -332,8 +283,6 @@ def _vtp():
     laughs = "".join(f"<!ENTITY e{n + 1} '{f'&e{n};' * 10}'>" for n in range(12))
     laughs = f"<!DOCTYPE VTKFile [<!ENTITY e0 '1 2 3 '>{laughs}]>"
     funny = vtp(_piece(form="ascii", body="&e12;"), doctype=laughs).decode()
-    comment = b"<VTKFile".decode("utf-16-le")
-    hidden = funny.replace("<PolyData>", f"<PolyData><!--{comment}-->")
     bodies = {
         "zlib": lambda: vtp(
             _piece(400 * MIB // 24), _blocks(zlib.compress, 400), compressor="ZLib"
@@ -341,20 +290,11 @@ def _vtp():
         "LZMA": lambda: vtp(
             _piece(400 * MIB // 24), _blocks(lzma.compress, 400), compressor="LZMA"
         ),
-        "zlib that lies": lambda: vtp(
-            _piece(),
-            struct.pack("<4Q", 1, 96, 0, 10**6) + zlib.compress(bytes(10**8)),
-            compressor="ZLib",
-        ),
         "pieces of the same data": lambda: vtp(_piece(10_000) * 20_000, plain),
-        "pieces of the same base64": lambda: vtp(
-            _piece(10_000) * 20_000, base64.b64encode(plain), encoding="base64"
-        ),
         "pieces of long base64": lambda: vtp(
             "".join(_piece(1, 4 * at) for at in range(20_000)), b"AAAA" * 10**6, encoding="base64"
         ),
         "tags without end": b"<VTKFile>" + b"<AppendedData encoding='raw' " * 100_000,
-        "elements without end": b"<a>" * 300_000,
         "elements in elements": b"<VTKFile>" + b"<a>" * 300_000 + b"</a>" * 300_000,
         "many attributes": lambda: vtp(
             "<a " + " ".join(f"a{at}='1'" for at in range(10**5)) + "/>"
@@ -362,16 +302,11 @@ def _vtp():
         "laughs": funny.encode(),
         "laughs in UTF-16": b"\xff\xfe"
         + funny.replace('version="1.0"', 'version="1.0" encoding="UTF-16"', 1).encode("utf-16-le"),
-        "laughs in UTF-16 that hides": b"\xff\xfe" + hidden.encode("utf-16-le"),
-        "laughs in UTF-16 of the other order": b"\xfe\xff" + funny.encode("utf-16-be"),
         "a type elsewhere": vtp(_piece(), doctype='<!DOCTYPE VTKFile SYSTEM "file:///dev/zero">'),
         "an entity elsewhere": vtp(
             _piece(form="ascii", body="&e;"),
             doctype='<!DOCTYPE a [<!ENTITY e SYSTEM "/etc/passwd">]>',
         ),
-        "an offset before the beginning": vtp(_piece(offset=-8), plain),
-        "inline base64 of nothing": vtp(_piece(form="binary", body="=" * 10**6)),
-        "strange numbers": vtp(_piece(form="ascii", body="1e999 nan 0x1 " * 4)),
     }
     for num in (10**12, 2**63 - 1):
         bodies[f"{num} bytes"] = vtp(_piece(), struct.pack("<Q", num) + bytes(99))
@@ -389,16 +324,12 @@ def _vtk():
 
     bodies = {
         "blanks": file(b" " * 300_000 + b"a\ra"),
-        "blank lines": file(b"\n" * 10**6 + b"a" * 2000),
         "fields": lambda: file(b"FIELD a 200000\n" + b"b 1 1 int\n0\n" * 200_000),
-        "fields of any number": file(b"FIELD a " + b"9" * 900 + b"\nb 1 1 int\n0\n"),
         "metadata": lambda: file(b"METADATA\n" * 300_000),
         "one long line": file(b"POINTS" + b"a" * 10**6),
-        "one long number": file(b"POINTS 1 float\n" + b"1" * 10**6 + b" 2 3\n"),
         "polygons of any size": file(
             b"POINTS 1 float\n0 0 0\nPOLYGONS 1 2\n2000000000 0\n",
         ),
-        "polygons of less than nothing": file(b"POINTS 1 float\n0 0 0\nPOLYGONS 2 4\n-2 0 -1 0\n"),
         "one polygon of all": lambda: file(
             b"POINTS 3 float\n0 0 0 1 0 0 0 1 0\nPOLYGONS 1 1000001\n1000000" + b" 0 1" * 500_000
         ),
@@ -422,34 +353,15 @@ def _ply():
     bodies = {
         "elements without properties": file(f"element nothing {10**18}\n{four}", bytes(96)),
         "lists of any length": file(four + faces.format("uint"), bytes(96) + b"\xff" * 12),
-        "lists of less than nothing": file(four + faces.format("char"), bytes(96) + b"\xff" * 12),
-        "lists of more than any": file(
-            four + faces.format("int64"), bytes(96) + b"\xff" * 7 + b"\x7f"
-        ),
-        "lists in text": file(
-            four + faces.format("int"), b"0 0 0\n" * 4 + b"9" * 18 + b" 0\n", "ascii"
-        ),
         "lists of digits": file(four + faces.format("int"), b"0 0 0\n" * 4 + b"9" * 10**5, "ascii"),
         "many properties": lambda: file(
             f"element vertex 1\n{xyz}" + "".join(f"property char a{at}\n" for at in range(40_000)),
             bytes(50_000),
         ),
-        "many elements": lambda: file(
-            four + "".join(f"element a{at} 0\n" for at in range(40_000)), bytes(96)
-        ),
-        "empty lists": lambda: file(
-            f"{four}element face 3000000\nproperty list uchar int vertex_indices\n",
-            bytes(96) + bytes(3_000_000),
-        ),
         "one list of all": lambda: file(
             four + faces.format("int"), bytes(96) + struct.pack("<i", 10**6) + bytes(4 * 10**6)
         ),
         "a header without end": b"ply\nformat ascii 1.0\n" + b"comment a\n" * 10**6,
-        "numbers beyond numbers": file(four, b"1e999 nan -inf\n" * 4, "ascii"),
-        "unlike lists": lambda: file(
-            f"{four}element face 100000\nproperty list uchar int vertex_indices\n",
-            bytes(96) + (b"\3" + bytes(12) + b"\4" + bytes(16)) * 50_000,
-        ),
     }
     for num in HUGE:
         for kind in ("ascii", "binary_big_endian"):
@@ -463,35 +375,14 @@ def _text():
     vertex = b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"
     files = {
         "stl count": ("a.stl", bytes(80) + b"\xfe\xff\xff\xff" + bytes(500)),
-        "stl unknown count": ("a.stl", bytes(80) + b"\xff" * 4 + bytes(500)),
         "stl names": ("a.stl", b"solid " + b"facet normal " * 200_000),
         "stl blanks": ("a.stl", b"solid a facet" + b" " * 10**6 + b"normal" + b" " * 10**6),
-        "stl vertices": ("a.stl", b"solid a\n" + b"vertex " * 300_000),
-        "stl long word": ("a.stl", b"solid a\nvertex " + b"1" * 10**6 + b"\nendfacet"),
         "obj polygon": ("a.obj", vertex + b"f" + b" 1 2 3" * 200_000 + b"\n"),
-        "obj index": ("a.obj", vertex + b"f 1 2 " + b"9" * 10**5 + b"\n"),
-        "obj index from the end": ("a.obj", vertex + b"f -1 -2 -999999999999\n"),
         "obj lines that go on": ("a.obj", b"v 0 0 0 \\\n" * 200_000),
-        "obj numbers": ("a.obj", b"v 1e999 nan -inf\n" * 4),
-        "obj empty vertices": ("a.obj", b"v\n" * 300_000),
         "off polygon": ("a.off", b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n1000000" + b" 0 1" * 500_000),
-        "off corners": ("a.off", b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n999999999999999999 0 1 2\n"),
-        "off blanks": ("a.off", b"OFF" + b" " * 10**6 + b"\n" * 10**6),
-        "off binary": ("a.off", b"OFF BINARY\n" + b"\xff" * 1000),
         "xyz one line": ("a.xyz", b"1 2 3 " * 300_000),
-        "xyz words": ("a.xyz", b"1 2 3\n" * 1000 + b"a" * 10**6),
-        "xyz bytes": ("a.xyz", bytes(range(256)) * 1000),
-        "csv columns": ("a.csv", b"x,y,z" + b",a" * 100_000 + b"\n" + b"1,2,3" + b",4" * 100_000),
         "csv quotes": ("a.csv", b'x,y,z\n"' + b"1,2,3\n" * 100_000),
-        "csv in UTF-16": (
-            "a.csv",
-            b"\xff\xfe" + "x,y,z\n1,2,3\n4,5,7\n0,1,0\n".encode("utf-16-le") + b"\0",
-        ),
-        "pts count": ("a.pts", b"9" * 5000 + b"\n1 2 3\n"),
         "pts scans": ("a.pts", b"1\n1 2 3\n" * 20_000),
-        "empty": ("a.ply", b""),
-        "zeros": ("a.stl", bytes(10**6)),
-        "a page": ("a.obj", b"<!DOCTYPE html><html>" + b"<a>" * 10**5),
     }
     for num in HUGE:
         files[f"off {num}"] = "a.off", f"OFF\n{num} {num} 0\n0 0 0\n".encode()
@@ -508,20 +399,13 @@ def _landmarks():
     )
     files = {
         "picked": ("a.pp", picked.encode()),
-        "picked in UTF-16": ("a.pp", picked.encode("utf-16")),
-        "picked elements": ("a.pp", b"<a>" * 300_000),
         "slicer brackets": ("a.mrk.json", b'{"markups": ' + b"[" * 10**5),
         "slicer numbers": (
             "a.mrk.json",
             b'{"markups": [{"controlPoints": ' + b"9" * 10**5 + b"}]}",
         ),
         "tps count": ("a.tps", b"LM3=999999999999\n1 2 3\n"),
-        "tps digits": ("a.tps", b"LM3=" + b"9" * 10**5 + b"\n1 2 3\n"),
         "nts counts": ("a.nts", b"1 999999999L 999999999 0 DIM=3\n1 2 3\n"),
-        "nts digits": ("a.nts", b"1 " + b"9" * 10**5 + b"L 9 0 DIM=3\n1 2 3\n"),
-        "pts count": ("a.pts", b"Version 1.0\n999999999999\nS000 1 2 3\n"),
-        "amira marks": ("a.landmarkAscii", b"@1\n" * 300_000),
-        "fcsv commas": ("a.fcsv", b"# Markups\n" + b"," * 10**6),
     }
     return {name: _file(*file) for name, file in files.items()}
 
@@ -529,19 +413,9 @@ def _landmarks():
 def _own():
     files = {
         "array of 2 PiB": ("a.npy", npy(f"({2**48},)", bytes(16))),
-        "array beyond any index": ("a.npy", npy(f"({2**70}, 0)")),
-        "array without size": ("a.npy", npy(f"({2**40},)", descr="'|V0'")),
         "pickle": ("a.npy", npy("(1,)", b"cos\nsystem\n(S'true'\ntR.", "'|O'")),
-        "header of brackets": ("a.npy", npy("(" * 9000)),
         "the root": ("own.json", b'{"invariants": "/"}'),
-        "a device": ("own.json", b'{"invariants": "/dev/zero"}'),
-        "no folder": ("own.json", b'{"invariants": [1]}'),
         "brackets": ("own.json", b"[" * 10**5),
-        "digits": ("own.json", b'{"pairs": ' + b"9" * 10**5 + b"}"),
-        "poses": (
-            "own.json",
-            b'{"pairs": [{"target": "a", "source": "b", "rotations": [[1e999]]}]}',
-        ),
     }
     return {name: _file(*file) for name, file in files.items()}
 
@@ -549,14 +423,9 @@ def _own():
 def _results():
     files = {
         "evidence": ("evidence.npz", lambda: bomb(zipfile.ZIP_DEFLATED)),
-        "evidence of LZMA": ("evidence.npz", lambda: bomb(zipfile.ZIP_LZMA, lie=200)),
         "evidence of 2 PiB": (
             "evidence.npz",
             archive(("version.npy", npy(f"({2**48},)", bytes(48)))),
-        ),
-        "evidence of another version": (
-            "evidence.npz",
-            archive(("version.npy", npy("()", bytes(8)))),
         ),
     }
     return {name: _file(*file) for name, file in files.items()}
@@ -565,12 +434,8 @@ def _results():
 def _certificates():
     bodies = {
         "deflate": lambda: bomb(zipfile.ZIP_DEFLATED),
-        "lzma": lambda: bomb(zipfile.ZIP_LZMA),
         "lzma that lies": lambda: bomb(zipfile.ZIP_LZMA, lie=200),
-        "bzip2 that lies": lambda: bomb(zipfile.ZIP_BZIP2, lie=200),
-        "array of 2 PiB": archive(("bound.npy", npy(f"({2**48},)", bytes(48)))),
         "a bare array of 2 PiB": npy(f"({2**48},)", bytes(48)),
-        "pickle": archive(("bound.npy", npy("(1,)", b"cos\nsystem\n(S'true'\ntR.", "'|O'"))),
     }
     return {name: _file("a.npz", content) for name, content in bodies.items()}
 
@@ -578,21 +443,15 @@ def _certificates():
 def _configs():
     bodies = {
         "brackets": b"a = " + b"[" * 10**5,
-        "tables": b"[" + b"a." * 10**4 + b"a]\n",
-        "digits": b"seed = " + b"9" * 10**5,
-        "not a text": bytes(range(256)),
     }
     return {name: _file("a.toml", content) for name, content in bodies.items()}
 
 
 JSON = {
-    "brackets": b"[" * 10**5,
     "tables": b'{"a":' * 10**5,
     "digits": b'{"version": ' + b"9" * 10**5 + b"}",
-    "numbers beyond numbers": b'{"version": 1e999, "files": NaN}',
     "a list": b"[1, 2]",
     "not a text": bytes(range(256)),
-    "half a letter": b'{"version": 1, "files": {"\\ud800": {"writer": "a", "digests": []}}}',
 }
 
 
@@ -608,8 +467,6 @@ def _manifests():
 def _stores():
     head = b"SQLite format 3\0" + struct.pack(">H", 4096) + b"\1\1\0\x40\x20\x20"
     bodies = {
-        "no pages": head + bytes(76),
         "pages beyond the end": head + struct.pack(">II", 1, 2**32 - 1) + b"\xff" * 4000,
-        "bz2": bz2.compress(bytes(10**7)),
     }
     return {name: _file("a.store", content) for name, content in bodies.items()}

@@ -17,11 +17,11 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="limits on memor
 
 #: How many files of each kind are damaged in the suite.
 NUMBERS = {
-    "shapes": 90,
-    "landmarks": 40,
+    "shapes": 60,
+    "landmarks": 25,
     "stores": 30,
-    "records": 60,
-    "certificate-files": 30,
+    "records": 30,
+    "certificate-files": 20,
     "configs": 10,
 }
 CASES = cases()

@@ -97,18 +97,6 @@ def test_coordinates_are_in_the_order_of_the_labels(out):
     assert np.allclose(column(out / "transforms.csv"), matrices.ravel(order="F"))
 
 
-def test_doubts_groups_and_notes_come_along(out):
-    (out / "labels.csv").write_text("name,taxon\nc,Lemur\na,Indri\n", encoding="utf-8")
-    done = run_r(
-        f'x <- read_collalign("{out}", labels = "{out}/labels.csv"); '
-        "stopifnot(identical(x$shapes$doubt, c(FALSE, TRUE, TRUE)), x$shapes$group == c(1, 1, 2), "
-        'identical(x$shapes$taxon, c("Indri", NA, "Lemur")), x$shapes$reflected == c(FALSE, TRUE, FALSE)); print(x)'
-    )
-    assert done.returncode == 0, done.stderr
-    assert "in doubt: zahn-ä, c" in done.stdout
-    assert "note: Look at c." in done.stdout
-
-
 def test_points_that_incomplete_shapes_lack_are_missing(out):
     with np.load(out / "correspondences.npz") as archive:
         arrays = dict(archive)
@@ -127,40 +115,6 @@ def test_points_that_incomplete_shapes_lack_are_missing(out):
     for at, (order, points) in enumerate(zip(arrays["labels"], arrays["positions"], strict=True)):
         expected[order[order >= 0], :, at] = points[order >= 0] / (at + 1)
     np.testing.assert_allclose(column(out / "coords.csv"), expected.ravel(order="F"))
-
-
-@pytest.mark.parametrize("heading", ["name", "Specimen", "id", "file", "my own"])
-def test_the_column_of_names_is_found_as_the_command_finds_it(out, heading):
-    (out / "labels.csv").write_text(f"{heading},taxon\nc,Lemur\na,Indri\n", encoding="utf-8")
-    done = run_r(
-        f'x <- read_collalign("{out}", labels = "{out}/labels.csv"); '
-        'stopifnot(identical(x$shapes$taxon, c("Indri", NA, "Lemur")), anyDuplicated(names(x$shapes)) == 0)'
-    )
-    assert done.returncode == 0, done.stderr
-
-
-def test_tables_of_excel_have_semicolons_decimal_commas_and_umlauts(out):
-    text = "Name;Größe;Alter;Nr\nc.glb;groß;4,5;3\na;klein;NA;1,5\nzahn-ä;groß;12;F\n"
-    (out / "labels.csv").write_text(text, encoding="cp1252")
-    done = run_r(
-        f'x <- read_collalign("{out}", labels = "{out}/labels.csv"); '
-        'stopifnot(identical(x$shapes[["Gr\\u00f6\\u00dfe"]], c("klein", "gro\\u00df", "gro\\u00df")), '
-        'identical(x$shapes$Alter, c(NA, 12, 4.5)), identical(x$shapes$Nr, c("1,5", "F", "3")))'
-    )
-    assert done.returncode == 0, done.stderr
-
-
-def test_rows_are_found_by_names_or_files(out):
-    (out / "labels.csv").write_text(
-        "name,file,taxon\nC1,x/c.PLY,Lemur\na.ply,,Indri\nd,d.off,X\n", encoding="utf-8"
-    )
-    done = run_r(
-        f'x <- read_collalign("{out}", labels = "{out}/labels.csv"); '
-        'stopifnot(identical(x$shapes$taxon, c("Indri", NA, "Lemur")), sum(names(x$shapes) == "file") == 1)'
-    )
-    assert done.returncode == 0, done.stderr
-    assert "no aligned shape is called d" in done.stderr
-    assert "there is no row for zahn-ä" in done.stderr
 
 
 @pytest.mark.parametrize("dtype", ["<f4", ">f8", "<i2", ">i8", "<u1", "|b1", "<U4"])

@@ -1,8 +1,6 @@
-"""The Slicer module's logic, without Slicer: results, coordinates, command line; and that its files are in place."""
+"""The Slicer module's logic, without Slicer: results, coordinates, command line."""
 
-import ast
 import json
-import re
 import sys
 from dataclasses import replace
 from importlib.util import module_from_spec, spec_from_file_location
@@ -80,15 +78,6 @@ def test_points_are_in_the_order_of_their_labels(out):
     assert read.notes == ("Look.",)
 
 
-def test_samples_of_incomplete_shapes_without_a_label_are_no_points(out):
-    with np.load(out / "correspondences.npz") as archive:
-        arrays = dict(archive)
-    labels, before = arrays["labels"], results.read_results(out).shapes[0].points
-    arrays["labels"] = np.where((np.arange(2) == 0)[:, None] & np.isin(labels, (1, 3)), -1, labels)
-    np.savez(out / "correspondences.npz", **arrays)
-    np.testing.assert_array_equal(results.read_results(out).shapes[0].points, before[[0, 2]])
-
-
 def test_a_folder_without_results_is_refused(tmp_path):
     with pytest.raises(ValueError, match="not the output"):
         results.read_results(tmp_path)
@@ -110,54 +99,3 @@ def test_output_of_the_process_is_reported_and_failure_noticed():
     assert running.run([sys.executable, "-c", "print('one'); raise SystemExit(3)"], lines.append)
     assert not running.run([sys.executable, "-c", "raise SystemExit(2)"], lines.append)
     assert lines == ["one"]
-
-
-def test_the_build_lists_every_file_of_the_module():
-    listed = re.findall(r"\S+\.(?:py|png)", (MODULE / "CMakeLists.txt").read_text("utf-8"))
-    present = {str(f.relative_to(MODULE)) for f in MODULE.rglob("*") if f.suffix in (".py", ".png")}
-    assert {name.replace("${MODULE_NAME}", "Collalign") for name in listed} == present
-    classes = {
-        n.name
-        for n in ast.parse((MODULE / "Collalign.py").read_text("utf-8")).body
-        if hasattr(n, "name")
-    }
-    assert {"Collalign", "CollalignWidget", "CollalignLogic", "CollalignTest"} <= classes
-
-
-#: Fields of an entry of the extension catalog, by its schema of version 1.0.1, and those that it must have.
-ENTRY_FIELDS = {
-    *("$schema", "category", "scm_url", "scm_revision", "scm_type"),
-    *("build_dependencies", "build_subdirectory", "enabled", "tier"),
-}
-NEEDED_FIELDS = {"$schema", "category", "scm_url"}
-
-
-def differences(entry, name, build, module):
-    """Return in what an entry of the catalog differs from its schema, from CMakeLists.txt and from the module."""
-
-    def said(field):
-        (value,) = re.findall(rf'set\(EXTENSION_{field} "([^"]*)"\)', build)
-        return value
-
-    depends = [word for word in re.split(r"[ ;]", said("DEPENDS")) if word not in ("", "NA")]
-    (categories,) = re.findall(r"parent\.categories = (\[.*\])", module)
-    checks = {
-        "fields": NEEDED_FIELDS <= entry.keys() <= ENTRY_FIELDS,
-        "name": f"project({name})" in build,
-        "dependencies": entry["build_dependencies"] == depends,
-        "category": entry["category"] == json.loads(categories)[0],
-        "address": entry["scm_url"] == said("HOMEPAGE"),
-        "tier": entry["tier"] in (1, 3, 5),
-    }
-    return [what for what, agrees in checks.items() if not agrees]
-
-
-def test_the_catalog_is_told_what_the_build_and_the_module_say():
-    file = EXTENSION / "Collalign.json"
-    texts = [(EXTENSION / "CMakeLists.txt").read_text("utf-8")]
-    texts.append((MODULE / "Collalign.py").read_text("utf-8"))
-    entry = json.loads(file.read_text("utf-8"))
-    assert differences(entry, file.stem, *texts) == []
-    changed = entry | {"build_dependencies": ["SlicerMorph"], "scm_url": "https://x", "tier": 2}
-    found = differences(changed | {"category": "Other", "colour": "red"}, "Other", *texts)
-    assert found == ["fields", "name", "dependencies", "category", "address", "tier"]

@@ -12,16 +12,10 @@ from data_tools.partial_surface import GRID_CELLS, GRID_MARGIN, PartialSurface
 from data_tools.poses import Similarity
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
-from pairwise.partial_counterparts import _apart, counterparts
-from pairwise.partial_match import describe_both, match_partial, refine, scales_allowed
+from pairwise.partial_counterparts import counterparts
+from pairwise.partial_match import match_partial, refine, scales_allowed
 
 NUM = 400
-
-
-def test_normals_without_a_sign_are_at_most_a_right_angle_apart():
-    x, y = np.eye(3)[[0, 0, 0]], np.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0]])
-    for signed, expected in ((True, [0, 2, 4]), (False, [0, 2, 0])):
-        assert _apart(x[None], y[None], signed=signed).tolist() == [expected]
 
 
 def cut(shape, direction, share):
@@ -65,35 +59,6 @@ def test_a_cut_blob_finds_its_place_on_the_whole_one(whole, group):
     assert 0.5 < best.overlap_target < 0.85
     assert all(pose.energy > best.energy for pose in rest)
     assert group == "O" or match_partial(surface(whole), surface(broken))[0].energy == best.energy
-
-
-def test_clouds_without_signs_of_normals_match_as_well(whole):
-    turn = random_rotation(np.random.default_rng(3))
-    broken = cut(whole, np.array([1.0, 0.2, 0.0]), 0.3)
-    cloud = surface(Shape.from_arrays(broken.vertices @ turn.T, name="cloud"))
-    assert not cloud.oriented
-    best = match_partial(surface(whole), cloud)[0]
-    assert rotation_angle_deg(best.pose.rotation, turn.T) < 4
-
-
-def test_a_third_of_unknown_size_finds_its_place(whole):
-    turn = random_rotation(np.random.default_rng(8))
-    third = moved(cut(whole, np.array([0.3, 1.0, 0.2]), 0.67), turn, 0.7, np.ones(3))
-    to, of = surface(whole), surface(third)
-    assert of.radius / 0.7 < 0.75 * to.radius
-    best = match_partial(to, of)[0]
-    assert rotation_angle_deg(best.pose.rotation, turn.T) < 4
-    assert best.pose.scale == pytest.approx(1 / 0.7, rel=0.05)
-
-
-def test_small_surfaces_are_described_in_small_cells(whole):
-    to, of = surface(whole), surface(cut(whole, np.array([0.0, 1.0, 0.0]), 0.9))
-    usual, small = describe_both(to, to), describe_both(to, of)
-    assert small[0].cell == small[1].cell < usual[0].cell
-    assert len(small[1].points) >= 100
-    half = describe_both(to, of, 0.5)
-    assert half[1].cell == pytest.approx(0.5 * small[1].cell)
-    np.testing.assert_allclose(half[1].points, 0.5 * small[1].points)
 
 
 def test_the_energy_tells_a_wrong_pose_from_the_right_one(whole):

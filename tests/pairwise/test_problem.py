@@ -1,11 +1,13 @@
 """The problem's energy, costs and Procrustes step agree with each other, and impossible problems are refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from data_tools.errors import InputError, OptionsError
 from pairwise import match, solve_relaxation
-from pairwise.problem import Problem, energy_scale
+from pairwise.problem import Problem
 from pairwise.rotation_pattern import RotationPattern
 
 
@@ -28,25 +30,11 @@ def test_costs_and_energy_agree(rng):
     )
 
 
-def test_the_scale_of_energies_is_their_mean_over_all_matches_of_centred_shapes(rng):
-    points = rng.standard_normal((7, 3))
-    invariants = rng.random((7, 2)), rng.random((5, 2))
-    target = points - points.mean(axis=0)
-    problem = Problem.from_user(
-        target, 2.0 * rng.random((5, 3)), weights=rng.random(5), invariants=invariants
-    )
-    assert energy_scale(problem) == pytest.approx(
-        problem.assignment_costs(np.eye(3)).mean(axis=0).sum()
-    )
-
-
-def test_procrustes_beats_every_other_rotation(rng):
-    for group in ("SO", "O"):
-        problem = some_problem(rng, group=group, weights=rng.random(5))
-        point_map = rng.permutation(7)[:5]
-        best = problem.energy(problem.procrustes(point_map), point_map)
-        others = problem.pattern.project(rng.standard_normal((200, 3, 3)))
-        assert best <= min(problem.energy(r, point_map) for r in others)
+def test_rounding_errors_are_squares_of_coordinates_and_no_side_counts(rng):
+    problem = some_problem(rng, weights=rng.random(5))
+    for factor in (-1.0, 10.0):
+        other = replace(problem, target=factor * problem.target, source=factor * problem.source)
+        assert other.rounding_energy == pytest.approx(factor**2 * problem.rounding_energy)
 
 
 def test_projection_keeps_pattern_and_determinants(rng):

@@ -5,8 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pairwise import match, solve_relaxation, verify_certificate
-from pairwise import match as match_function
 from pairwise.matching import _proven
 from pairwise.problem import Problem
 from pairwise.relaxations import solve_pm_sdp
@@ -60,22 +58,3 @@ def test_banded_patterns_have_no_bound_for_their_poses():
     bound, status = judged(banded, 1.0, 1.0)
     assert np.isnan(bound)
     assert status is Status.LOCAL_OPTIMUM
-
-
-def test_the_relaxation_hands_its_certificate_on(problem):
-    result = match(problem.target, problem.source, strategy="relaxation")
-    assert (
-        verify_certificate(problem.target, problem.source, result.certificate, problem=problem)
-        >= 0.0
-    )
-    assert result.lower_bound == pytest.approx(max(result.certificate.bound, 0.0))
-    assert match_function(problem.target, problem.source, strategy="search").certificate is None
-
-
-def test_a_loose_relaxation_proves_nothing():
-    rng = np.random.default_rng(5)
-    target, source = rng.random((8, 3)), rng.random((8, 3))
-    result = match(target, source, strategy="relaxation")
-    bound = solve_relaxation(target, source).lower_bound
-    assert bound < 0.99 * result.energy  # noise has no close relaxation
-    assert result.status is Status.LOCAL_OPTIMUM

@@ -11,10 +11,7 @@ from pairwise.rotation_pattern import RotationPattern
 from pairwise.rotation_search import (
     _first,
     apart_rotations,
-    explore,
-    initial_rotations,
     leading_problem,
-    look_around,
     mirror_rotations,
 )
 from pairwise.rotation_sets import random_rotations
@@ -31,14 +28,6 @@ def test_search_is_no_worse_than_many_random_starts(seed, num, noise, num_source
     problem = planted(rng, rng.random((num, 3)) - 0.5, noise=noise, num_source=num_source)
     random = minimise(problem, random_rotations(3, 500, rng))
     assert search(problem).energies[0] <= random.energies[0] * (1 + 1e-9)
-
-
-def test_a_second_look_never_loses(rng):
-    problem = planted(rng, rng.random((20, 3)) - 0.5, noise=0.4)
-    first = explore(problem)
-    second = look_around(problem, first)
-    assert second.energies[0] <= first.energies[0]
-    assert {m.tobytes() for m in first.maps} <= {m.tobytes() for m in second.maps}
 
 
 def test_distinct_keeps_the_first_of_every_cluster():
@@ -103,51 +92,6 @@ def test_the_search_turns_with_the_points():
     first, second = search(problem), search(moved)
     assert second.energies[0] == pytest.approx(first.energies[0])
     assert rotation_angles(turns[0] @ first.rotations[0] @ turns[1].T, second.rotations[0]) < 1e-6
-
-
-def test_both_chiralities_go_on_from_the_screening(rng):
-    points = rng.random((12, 3)) - 0.5
-    problem = Problem.from_user(points, points, group="O")
-    found = explore(problem)
-    mirrored = problem.pattern.mirrored(found.rotations)
-    assert mirrored is not None
-    assert mirrored.any()
-    assert not mirrored[0]
-    apart = explore(of_chirality(problem, reflected=True))
-    assert found.energies[mirrored][0] == pytest.approx(apart.energies[0])
-
-
-def test_distinct_goes_on_until_each_chirality_has_its_share():
-    turns = np.stack(
-        [
-            np.eye(3),
-            np.diag([1.0, -1.0, -1.0]),
-            np.diag([-1.0, 1.0, -1.0]),
-            -np.eye(3),
-            np.diag([-1.0, 1.0, 1.0]),
-        ]
-    )
-    mirrored = np.linalg.det(turns) < 0
-    np.testing.assert_array_equal(apart_rotations(turns, 0.1, 2), [0, 1])
-    np.testing.assert_array_equal(apart_rotations(turns, 0.1, 2, mirrored=mirrored), [0, 1])
-    np.testing.assert_array_equal(apart_rotations(turns, 0.1, 3, mirrored=mirrored), [0, 1, 2, 3])
-
-
-def test_starts_of_a_planted_pair_hold_its_rotation_in_the_frames_of_its_axes(rng):
-    points = rng.gamma(1.0, size=(30, 3)) * [1.0, 2.0, 4.0]
-    for group in ("SO", "O"):
-        turn = random_rotations(3, 1, rng)[0] * (-1.0 if group == "O" else 1.0)
-        axes, even = initial_rotations(Problem.from_user(points, points @ turn, group=group), 40)
-        assert np.abs(axes - turn).max(axis=(1, 2)).min() < 1e-9
-        # the same set in the frames of both shapes: it turns with each of them
-        left, right = random_rotations(3, 2, rng)
-        moved = Problem.from_user(points @ left.T, points @ turn @ right.T, group=group)
-        np.testing.assert_allclose(
-            initial_rotations(moved, 40)[1], left @ even @ right.T, atol=1e-6
-        )
-        np.testing.assert_allclose(
-            even @ np.swapaxes(even, 1, 2), np.tile(np.eye(3), (len(even), 1, 1)), atol=1e-9
-        )
 
 
 def test_the_first_of_each_chirality_go_on():

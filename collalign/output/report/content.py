@@ -89,7 +89,7 @@ def build_content(collection: CollectionData) -> tuple[dict[str, Any], dict[str,
 
 
 def shapes_content(collection: CollectionData) -> tuple[dict[str, Any], dict[str, str]]:
-    """Collect what every page of shapes holds: their display meshes, poses and what they are seen from."""
+    """Collect what every page of shapes holds: shapes, camera, run and meshes; and the packed arrays by name."""
     meshes: dict[str, Any] = {}
     blobs: dict[str, str] = {}
     for at, parts in enumerate(

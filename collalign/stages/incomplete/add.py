@@ -27,7 +27,7 @@ from data_tools.poses import AGREE_DEG, pose_angle_deg
 from pairwise.results import Status
 
 #: Complete shapes that an incomplete one is posed on, those that are not uncertain first.
-MAX_PARTNERS = 8
+MAX_COMPLETE_PARTNERS = 8
 
 
 def with_incomplete(run: Run, complete: Posed, reasons: Mapping[int, str]) -> Posed:
@@ -114,7 +114,7 @@ def _partners(shapes: Shapes, posed: Posed, others: IntArray) -> IntArray:
         np.intersect1d(part, others).tolist(),
         key=lambda i: (not confidence[i] >= UNCERTAIN, shapes.keys[i]),
     )
-    return np.array(sorted(order[:MAX_PARTNERS]), dtype=np.int64)
+    return np.array(sorted(order[:MAX_COMPLETE_PARTNERS]), dtype=np.int64)
 
 
 def _mean_confidence(confidence: FloatArray, partners: IntArray) -> float:

@@ -34,7 +34,7 @@ NUM_POINTS = 200
 GRID_GROWTH = 14.0
 #: Fewer shapes cannot tell which of them is incomplete, nor can they where more than this share seems to be. Nor
 #: does the rim of a shape tell anything that has more than the last share of its points there.
-MIN_SHAPES, MOST_MISSING, MOST_ON_RIM = 5, 0.5, 1 / 3
+MIN_COMPLETE_SHAPES, MOST_MISSING, MOST_ON_RIM = 5, 0.5, 1 / 3
 
 
 def named_incomplete(
@@ -69,7 +69,7 @@ def find_incomplete(
     if shapes.are_assembled:
         return {}
     are_dense = [len(item.dense_positions) >= NUM_POINTS for item in samples]
-    if sum(are_dense) < MIN_SHAPES or all(item.rim == "closed" for item in samples):
+    if sum(are_dense) < MIN_COMPLETE_SHAPES or all(item.rim == "closed" for item in samples):
         return {}
     pairs = [pair for pair in pairs if are_dense[pair.target] and are_dense[pair.source]]
     nearest = _nearest(pairs, len(samples))
@@ -95,7 +95,7 @@ def find_incomplete(
 
 def are_too_many(num_missing: int, num: int) -> bool:
     """Return whether so many of some shapes seem to be incomplete that the others cannot tell."""
-    return num_missing > MOST_MISSING * num or num - num_missing < MIN_SHAPES
+    return num_missing > MOST_MISSING * num or num - num_missing < MIN_COMPLETE_SHAPES
 
 
 def posed_samples(samples: Samples, transform: FloatArray) -> PartialSurface:

@@ -31,7 +31,7 @@ from pairwise.features.poses import STEP_COSINE, rotations_by
 #: Pairs hold shapes if one of their poses is at least this probable; poses that are this probable may join blocks.
 JOINING_CHANCE, PROPOSED_CHANCE = 0.5, 0.05
 #: A pose of a pair agrees with the common poses within so many degrees and cells.
-AGREE_DEG, AGREE_CELLS = 10.0, 5.0
+CONSISTENT_DEG, CONSISTENT_CELLS = 10.0, 5.0
 #: Of pairs that agree, all but the surest count by this share: what makes one err, such as a symmetry, makes many.
 SHARED_CAUSE = 0.3
 #: So much of a shape is in front of what was seen of another one where poses are right, and contradicts nothing.
@@ -368,11 +368,11 @@ def _same_poses(
 ) -> BoolArray:
     """Return which poses of a pair agree with those of its two shapes (4, 4), also in where the source lies."""
     relative, middle = np.linalg.inv(target) @ source, surface.points.mean(axis=0)
-    agree = pose_angle_deg(poses.rotations, relative[:3, :3]) < AGREE_DEG
+    agree = pose_angle_deg(poses.rotations, relative[:3, :3]) < CONSISTENT_DEG
     moved = np.linalg.norm(
         poses.rotations @ middle + poses.shifts - moved_by(relative, middle), axis=1
     )
-    return np.asarray(agree & (moved < AGREE_CELLS * surface.cell))
+    return np.asarray(agree & (moved < CONSISTENT_CELLS * surface.cell))
 
 
 def _weight(chance: float) -> float:
@@ -426,8 +426,8 @@ def _places(
         np.stack([move for _, move in asked]),
     )
     middles = moves[:, :3, :3] @ middle + moves[:, :3, 3]
-    angles = pose_angle_deg(moves[:, None, :3, :3], moves[None, :, :3, :3]) / (2.0 * AGREE_DEG)
-    gaps = np.linalg.norm(middles[:, None] - middles, axis=2) / (2.0 * AGREE_CELLS * cell)
+    angles = pose_angle_deg(moves[:, None, :3, :3], moves[None, :, :3, :3]) / (2.0 * CONSISTENT_DEG)
+    gaps = np.linalg.norm(middles[:, None] - middles, axis=2) / (2.0 * CONSISTENT_CELLS * cell)
     near = (angles < 1.0) & (gaps < 1.0)
     # Less of what lies farther off: a stray one beside the right ones would count as much as these.
     total = _together(np.where(near, (1.0 - angles**2) * (1.0 - gaps**2), 0.0) * weights)

@@ -29,7 +29,7 @@ from pairwise.partial_match import distinct_similarities, propose_poses, refine,
 #: Partners that propose poses, and those of all poses that are refined on all partners.
 NUM_PROPOSERS, NUM_REFINED = 4, 24
 #: Logarithms within which a point costs more than it does usually.
-MOST_EXCESS = (-3.0, 4.0)
+EXCESS_RANGE = (-3.0, 4.0)
 #: The pose that changes nothing.
 _STILL = Similarity.rigid(np.eye(3)[None], np.zeros((1, 3)))
 #: The least and the largest scale.
@@ -175,7 +175,7 @@ def pose_evidence(
     tree = cKDTree(source.points)
     others, lacking = np.zeros((2, len(own)))
     for target, one, has in zip(targets, excess, shared, strict=True):
-        clipped = np.clip(one - roughness, *MOST_EXCESS)
+        clipped = np.clip(one - roughness, *EXCESS_RANGE)
         others += np.where(has, clipped, 0.0).mean(axis=1) / len(targets)
         if source.on_rim.any():
             nearest = tree.query(poses.undo(target.points[: has.shape[1]]))[1]

@@ -26,7 +26,7 @@ from data_tools.errors import OptionsError
 #: Shapes, the nearest before any are matched, that each is matched with.
 NUM_NEAR = 6
 #: Kinds, the nearest, that each is compared with, and pairs of shapes between two of them.
-NUM_RIVALS, NUM_ACROSS = 3, 4
+NUM_NEAR_KINDS, NUM_ACROSS = 3, 4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -193,7 +193,9 @@ def _across(found: Grouping, log_odds: FloatArray) -> list[tuple[int, int]]:
     """Return the nearest pairs of shapes between each group and those nearest to it."""
     chosen = set[tuple[int, int]]()
     for group in range(found.num):
-        rivals = np.argsort(-found.across[group], kind="stable")[: min(NUM_RIVALS, found.num - 1)]
+        rivals = np.argsort(-found.across[group], kind="stable")[
+            : min(NUM_NEAR_KINDS, found.num - 1)
+        ]
         for rival in rivals.tolist():
             one, other = (np.flatnonzero(found.labels == of) for of in (group, rival))
             table = log_odds[np.ix_(one, other)]

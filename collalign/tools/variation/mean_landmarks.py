@@ -233,6 +233,7 @@ def landmarks_of_all(
         return np.array(own), ()
     if missing := [names[row] for row in rows if not np.isfinite(points[row]).all()]:
         raise InputError(f"blocks: no shape that counts has {listed(missing)}")
+    # Rows that are not needed may be missing: any place stands for them.
     known = np.where(np.isfinite(points), points, found.mean[0])
     places = SurfaceLocator(found.mean, found.faces).closest(known)
     return np.array([places.on(shape) for shape in vertices]), (Note("blocks-carried"),)

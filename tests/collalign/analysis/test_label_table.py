@@ -21,20 +21,6 @@ def test_columns_by_name_with_unknown_values(tmp_path):
     assert labels.columns_for(["nobody"]) == {}
 
 
-def test_names_that_do_not_fit_are_told(tmp_path):
-    labels = read_labels(
-        table(tmp_path, "name,file,taxon\na,x/A1.ply,X\nB,b.ply,Y\nbb,bbb.ply,Z\n")
-    )
-    source = {"source": str(labels.source)}
-    assert labels.mismatches(["A1", "b"]) == [
-        Note("labels-unknown", values={**source, "rows": ("bb",), "hints": ("did you mean 'b'?",)})
-    ]
-    assert labels.mismatches(["a", "b", "bbb", "d", "e"]) == [
-        Note("labels-missing", ("d", "e"), source)
-    ]
-    assert labels.mismatches(["a", "B", "bb"]) == []
-
-
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
 def test_separators_and_byte_order_mark(tmp_path, separator):
     text = "\ufeffspecimen,genus\na,X\nb,Y\n".replace(",", separator)

@@ -29,17 +29,6 @@ def repeated(rng, *, num=40, repeats=3, individual=0.05, error=0.05):
     return shapes, [f"i{at}" for at in np.repeat(np.arange(num), repeats).tolist()]
 
 
-def test_repeatability_is_the_share_of_variance_among_individuals():
-    rng = np.random.default_rng(8)
-    for individual, share in ((0.05, 0.5), (0.1, 0.8), (0.0, 0.0)):
-        found = measurement_error(*repeated(rng, individual=individual), permutations=99)
-        assert abs(found.repeatability - share) < 0.06
-        assert (found.anova[0].p == 0.01) == (share > 0)
-    exact = measurement_error(*repeated(rng, error=0.0), permutations=99)
-    np.testing.assert_allclose([exact.repeatability, exact.r2], 1.0)
-    assert exact.spreads.max() < 1e-12
-
-
 def test_the_worst_measured_individual_has_the_largest_spread():
     rng = np.random.default_rng(9)
     shapes, individuals = repeated(rng, num=8, error=0.01)

@@ -14,6 +14,12 @@ def test_mds_recovers_points_of_a_plane(rng):
     assert shares[0] > shares[1]
 
 
+def test_the_largest_coordinate_of_each_axis_is_positive(rng):
+    for points in rng.standard_normal((8, 6, 2)):
+        found, _ = classical_mds(squareform(pdist(points)))
+        assert (found.max(axis=0) == np.abs(found).max(axis=0)).all()
+
+
 def test_mds_of_two_and_of_equal_shapes():
     found, _ = classical_mds([[0, 3], [3, 0]])
     assert np.linalg.norm(found[0] - found[1]) == pytest.approx(3)

@@ -1,18 +1,11 @@
 """What ``align --check`` says of files, and shapes of several folders as one collection."""
 
 import json
-import unicodedata
 
 import numpy as np
 import pytest
 
 from collalign.output.loading import load
-from collalign.output.members import statistics_members
-from data_tools.datasets.synthetic import deformed_family
-from data_tools.datasets.synthetic_shapes import chair
-from data_tools.io.shapes import write_mesh
-from data_tools.rotations import random_rotation
-from data_tools.surface.shape import Shape
 from tests.commands import run_command
 
 FLAGS = ["--sampling.num-points", "12", "--sampling.num-dense-points", "0", "--jobs", "1"]
@@ -36,15 +29,6 @@ def folder(tmp_path):
     (tmp_path / "in" / "right" / "b.xyz").write_bytes(b"rubbish")
     (tmp_path / "in" / "readme.md").write_text("two sides")
     return tmp_path / "in"
-
-
-def test_that_stl_files_repeat_their_vertices_is_no_news(tmp_path):
-    for name in ("a", "b"):
-        write_mesh(tmp_path / f"{name}.stl", chair(np.random.default_rng(0), resolution=1))
-    command = ["align", str(tmp_path), *FLAGS, "--check"]
-    assert "duplicate vertices" not in run_command(*command).out
-    (note,) = json.loads(run_command(*command, "--json").out)["shapes"][0]["notes"]
-    assert note["code"] == "duplicates-merged"
 
 
 def test_a_check_reads_every_file_and_writes_nothing(folder):
@@ -81,21 +65,6 @@ def test_a_check_reads_every_file_and_writes_nothing(folder):
     assert "at least two are needed" in said.err
 
 
-def test_a_check_says_who_has_few_points(folder):
-    np.savetxt(
-        folder / "left" / "few.xyz", np.eye(3)[[0, 0, 0, 1, 2]] + np.diag([1, 2, 3, 4, 5])[:, :3]
-    )
-    np.savetxt(folder / "left" / "three.xyz", np.eye(3))
-    places = [str(folder / "left"), str(folder / "right" / "[ac].xyz")]
-    said = run_command(
-        "align", *places, "--out", folder.parent / "out", "--jobs", "1", "--check", ends=3
-    )
-    assert "three.xyz: 3 points do not determine a pose; 4 are needed" in said.err
-    said = said.out
-    assert "Shapes are matched at 40 points: none has the 64 asked for." in said
-    assert "Fewer points than the 40 that shapes are matched at: left/few (5 points)." in said
-
-
 def test_several_folders_are_one_collection_and_odd_sizes_are_named_by_a_run(folder):
     out = folder.parent / "out"
     places = folder.parent / "all.txt"
@@ -115,78 +84,3 @@ def test_several_folders_are_one_collection_and_odd_sizes_are_named_by_a_run(fol
     }
     ended = run_command("align", folder, "--out", out, ends=2)
     assert "its folders do: left (2), right (4)" in ended.err
-
-
-def test_a_check_reads_in_workers_within_the_limits_of_a_run(tmp_path):
-    for name in "abc":
-        np.savetxt(tmp_path / f"{name}.xyz", np.random.default_rng(0).random((40, 3)))
-    header = "ply\nformat binary_little_endian 1.0\nelement vertex 90000000\n"
-    header += "".join(f"property float {axis}\n" for axis in "xyz") + "end_header\n"
-    with (tmp_path / "huge.ply").open("wb") as file:
-        file.write(header.encode())
-        file.truncate(len(header) + 12 * 90_000_000)
-    told = json.loads(
-        run_command("align", tmp_path, "--check", "--memory-limit-gib", "0.5", "--json", ends=3).out
-    )
-    assert [one["name"] for one in told["shapes"]] == ["a", "b", "c"]
-    assert [(one["file"], one["reason"]) for one in told["left_out"]] == [
-        ("huge.ply", "does not fit in memory")
-    ]
-
-
-def test_copies_are_named_by_check_align_and_variation(tmp_path):
-    """Identical, turned and mirrored, each with the option that leaves it out."""
-    rng = np.random.default_rng(0)
-    family = deformed_family(chair(rng, resolution=1), 4, rng, rms=0.03)
-    for at, shape in enumerate(family):
-        write_mesh(tmp_path / "in" / f"s{at}.ply", shape)
-    (tmp_path / "in" / "s0_copy.ply").write_bytes((tmp_path / "in" / "s0.ply").read_bytes())
-    for name, sign in (("s1t", 1.0), ("s2m", -1.0)):
-        shape = family[int(name[1])]
-        vertices = sign * shape.vertices @ random_rotation(rng) + 5.0
-        write_mesh(tmp_path / "in" / f"{name}.stl", Shape.from_arrays(vertices, shape.faces))
-    expected = [
-        "add --exclude s0_copy.",
-        "add --exclude s1t.",
-        "s2, s2m: these files hold mirror images",
-    ]
-    notes = json.loads(run_command("align", tmp_path / "in", *FLAGS, "--check", "--json").out)[
-        "notes"
-    ]
-    assert [sum(words in note["text"] for note in notes) for words in expected] == [1, 1, 1]
-    out = tmp_path / "out"
-    printed = run_command("align", tmp_path / "in", "--out", out, "--no-report", *FLAGS).out
-    assert [printed.count(words) for words in expected] == [1, 1, 1]
-    record = json.loads((out / "alignment.json").read_text())["copies"]
-    assert [one["kind"] for one in record] == ["identical", "moved", "mirrored"]
-    collection = load(out)
-    assert [list(one.names) for one in collection.copies] == [one["names"] for one in record]
-    who = statistics_members(collection, exclude=["s1t"], include_doubtful=True)
-    assert [one.kind for one in who.copies] == ["identical", "mirrored"]
-
-
-def test_names_in_either_encoding_of_accents_are_the_same(folder):
-    """Files of a Mac keep accents apart; tables and options, written elsewhere, do not."""
-    names = ["Schädel_Köln", "crâne_1", "Ñandú_2", "s3"]
-    place = folder.parent / "mac"
-    place.mkdir()
-    for name, file in zip(names, sorted(folder.rglob("*.xyz")), strict=False):
-        (place / f"{unicodedata.normalize('NFD', name)}.xyz").write_bytes(file.read_bytes())
-    rng = np.random.default_rng(1)
-    for file in place.iterdir():
-        np.savetxt(file, rng.random((40, 3)))
-    table = folder.parent / "labels.csv"
-    table.write_bytes(("name;taxon\n" + "".join(f"{name};a\n" for name in names)).encode("cp1252"))
-    words = [str(place), "--labels", str(table), "--out", str(folder.parent / "out"), *FLAGS]
-    apart = unicodedata.normalize("NFD", names[1])
-    told = run_command(
-        "align", *words, "--exclude", names[2], "--reference", apart, "--no-report"
-    ).err
-    assert "there is no row" not in told
-    assert "no shape is called Ñandú_2" in told
-    collection = load(folder.parent / "out")
-    assert sorted(collection.names) == sorted([names[0], names[1], names[3]])
-    assert collection.labels["taxon"] == ("a", "a", "a")
-    assert collection.options.reference == names[1]
-    assert apart in collection
-    assert collection.index(apart) == collection.names.index(names[1])

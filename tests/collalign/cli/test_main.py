@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 
@@ -107,49 +106,6 @@ def test_whatever_interrupts_a_run_it_says_what_is_kept_and_leaves_nothing_tempo
     assert not (out / "alignment.json").exists()
     assert [*(tmp_path / "tmp").iterdir()] == []
     run_command("status", out, ends=5)
-
-
-@pytest.mark.usefixtures("two_cores")
-def test_what_a_killed_run_leaves_goes_with_the_next(folder, tmp_path, monkeypatch):
-    monkeypatch.setenv("TMPDIR", str(tmp_path / "tmp"))
-    (tmp_path / "tmp").mkdir()
-    command = [*COLLALIGN, "align", str(folder), "--out", str(tmp_path / "out"), *FLAGS]
-    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
-        while not worker_processes(process.pid):
-            assert process.poll() is None, "ended before its workers were seen"
-            time.sleep(0.01)
-        process.kill()
-    assert any((tmp_path / "tmp").iterdir())
-    subprocess.run([*command[:-1], "1"], check=True, capture_output=True)
-    assert [*(tmp_path / "tmp").iterdir()] == []
-
-
-def test_ctrl_c_before_anything_began_has_a_message_too():
-    """An import that is interrupted makes an ImportError of it."""
-    process = subprocess.Popen(
-        [*COLLALIGN, "align", "--help"], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    )
-    while "scipy" not in Path(f"/proc/{process.pid}/maps").read_text():
-        assert process.poll() is None
-        time.sleep(0.005)
-    process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=600)
-    assert process.returncode == 130
-    assert errors.startswith("collalign: interrupted")
-    assert errors.endswith("; run the same command to go on\n")
-    assert "Traceback" not in errors
-
-
-def test_a_command_that_keeps_nothing_says_how_to_go_on_as_well(folder, monkeypatch):
-    def interrupted(*arguments, **options):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("collalign.tools.match.command.match_rigid", interrupted)
-    first, second = sorted(folder.iterdir())[:2]
-    said = run_command("match", first, second, ends=130)
-    assert said.err == (
-        "collalign: interrupted; no file is left half-written; run the same command to go on\n"
-    )
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Options that messages and pages name are there."""
+"""Options that messages and docstrings name are there."""
 
 import ast
 import re
@@ -9,7 +9,6 @@ import pytest
 from collalign.cli import _COMMANDS, app
 
 ROOT = Path(__file__).resolve().parents[3]
-PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "integrations").rglob("*.md")]
 MODULES = [
     path
     for package in ("collalign", "pairwise", "data_tools")
@@ -67,16 +66,6 @@ def misplaced(text, commands):
 def gone(text, commands):
     """Return the commands that a text calls and that are not there."""
     return set(COMMAND.findall(text)) - set(commands)
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_options_of_pages_exist(page, commands):
-    text = page.read_text("utf-8")
-    assert not unknown(text, set.union(OTHERS, *commands.values()))
-    assert not misplaced(text, commands)
-    assert page.name == "CHANGELOG.md" or not gone(text, commands), (
-        "only the changelog speaks of what went"
-    )
 
 
 def test_options_in_messages_and_docstrings_exist(commands):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from collalign.confidence.side_model import (
-    MIN_SHAPES,
+    MIN_SHAPES_FOR_SIDES,
     Sides,
     SurfaceSides,
     are_bilateral,
@@ -15,7 +15,6 @@ from collalign.confidence.side_model import (
     are_open,
     find_sides,
     look_like_posture,
-    preferences,
     surface_sides,
     undecided_sides,
 )
@@ -87,11 +86,6 @@ def test_failed_pairs_are_left_out_and_parts_are_judged_apart():
     assert (nothing.num_pairs, nothing.are_suspected, nothing.are_likely) == (0, False, False)
 
 
-def test_preferences_are_antisymmetric_and_bounded():
-    energies = np.array([[1.0, np.e], [np.e, 1.0], [0.0, 1.0], [0.0, 0.0]])
-    assert preferences(energies) == pytest.approx([1.0, -1.0, 5.0, 0.0])
-
-
 def test_arrays_that_do_not_fit_are_refused():
     with pytest.raises(InputError, match="energies"):
         find_sides([[0, 1]], [[1.0, 1.0], [1.0, 1.0]], 2)
@@ -112,18 +106,6 @@ CLEAR = Sides(
 CONFIRMED = SurfaceSides(mirrored=np.arange(6) < 2, support=np.full(6, 9e-4), across=9e-4)
 
 
-def test_few_or_weak_pairs_leave_room_for_more():
-    assert CLEAR.are_obvious
-    assert not replace(CLEAR, contradicted=0.11).are_obvious
-    assert not replace(CLEAR, num_pairs=99).are_obvious
-    assert not replace(CLEAR, median_all=0.19).are_obvious
-    assert not replace(CLEAR, median_between=0.19).are_obvious
-    assert not replace(CLEAR, num_between=0).are_suspected
-    assert not replace(CLEAR, median_all=0.04).are_suspected
-    assert not replace(CLEAR, median_between=0.04).are_suspected
-    assert replace(CLEAR, median_all=0.05, median_between=0.05).are_suspected
-
-
 def test_each_condition_alone_decides_whether_sides_are_likely():
     few = replace(CLEAR, mirrored=np.arange(4) < 1, num_pairs=5, num_between=3)
     assert few.are_likely
@@ -141,7 +123,7 @@ def test_each_condition_alone_decides_whether_sides_are_likely():
 def test_shapes_are_mirrored_where_fits_and_surfaces_agree():
     assert are_mixed(CLEAR, CONFIRMED)
     for change in (
-        {"mirrored": np.arange(MIN_SHAPES - 1) < 2},
+        {"mirrored": np.arange(MIN_SHAPES_FOR_SIDES - 1) < 2},
         {"num_between": 0},
         {"median_all": 0.1},  # weak fits need stronger support
         {"contradicted": 0.041},
@@ -182,26 +164,6 @@ def test_suspected_sides_that_surfaces_share_are_open():
         True,
     ]
     assert not undecided_sides(unsure, WEAK, NOTHING_ALONE).any()
-
-
-def test_few_likely_sides_are_open_by_fits_alone():
-    few = replace(CLEAR, mirrored=np.arange(4) < 1, unsure=np.zeros(4, dtype=bool))
-    alone = replace(NOTHING_ALONE, mirrored=np.arange(4) == 2)
-    assert undecided_sides(few, WEAK, alone).tolist() == [True, False, False, False]
-    assert not undecided_sides(replace(few, balance=0.7), WEAK, alone).any()
-
-
-def test_sides_that_surfaces_alone_support_are_open_whatever_fits_find():
-    none = replace(CLEAR, mirrored=np.zeros(6, dtype=bool), num_between=0, median_between=np.nan)
-    strong = replace(NOTHING_ALONE, support=np.full(6, 7e-4), across=7e-4)
-    assert (
-        undecided_sides(none, replace(WEAK, across=np.nan), strong).tolist()
-        == strong.mirrored.tolist()
-    )
-    for weak in ({"support": np.full(6, 5e-4)}, {"across": 5e-4}, {"across": np.nan}):
-        assert not undecided_sides(
-            none, replace(WEAK, across=np.nan), replace(strong, **weak)
-        ).any(), weak
 
 
 def test_two_kinds_of_shapes_are_no_two_sides():

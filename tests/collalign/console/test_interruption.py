@@ -56,16 +56,6 @@ def test_ctrl_c_again_asks_for_patience_and_ends_at_the_third():
         assert done.stderr == "collalign: ending in order; once more ends it at once\n"
 
 
-def test_what_nohup_ignores_stays_ignored():
-    signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    with orderly_interrupts(until_exit=False):
-        signal.raise_signal(signal.SIGHUP)
-        assert not was_interrupted()
-        with pytest.raises(KeyboardInterrupt):
-            signal.raise_signal(signal.SIGTERM)
-    assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
-
-
 def test_a_command_that_is_run_again_in_the_same_process_has_not_been_interrupted():
     for _ in range(2):
         with orderly_interrupts(until_exit=False):

@@ -1,6 +1,5 @@
 """Whatever becomes of the standard streams: no traceback, the files as promised, and the documented exit code."""
 
-import io
 import os
 import subprocess
 import sys
@@ -11,7 +10,6 @@ import pytest
 from collalign import AlignOptions
 from collalign.console.streams import Streams
 from data_tools.options import SamplingOptions
-from tests.commands import run_command
 from tests.finished_runs import chairs, finished_run
 
 COLLALIGN = [sys.executable, "-m", "collalign"]
@@ -30,9 +28,7 @@ WAYS = {
 }
 #: Commands that print only, and their exit codes where nothing disturbs them.
 PRINTING = {
-    ("--help",): 0,
     ("--version",): 0,
-    ("align", "--help-all"): 0,
     ("status", "OUT"): 0,
     ("align", "SHAPES", "--check", "--jobs", "1"): 0,
     ("status", "NOWHERE"): 2,
@@ -42,11 +38,9 @@ ALIGN = (
     *("align", "SHAPES", "--out", "NEW", "--jobs", "1", "--maps", "never"),
     *("--sampling.num-points", "16", "--sampling.num-dense-points", "0"),
 )
+EXPORT = ("export", "OUT", "--format", "csv", "--to", "NEW")
 #: Commands that write files, one of which comes last.
-WRITING = {
-    ALIGN: "alignment.json",
-    ("export", "OUT", "--format", "csv", "--to", "NEW"): "consensus.csv",
-}
+WRITING = {ALIGN: "alignment.json", EXPORT: "consensus.csv"}
 needs_full = pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full")
 
 
@@ -119,8 +113,14 @@ def test_printing_commands_end_as_documented(words, way, out, tmp_path):
 
 
 @needs_full
-@pytest.mark.parametrize("way", ["out full", "out unread", "all closed", "all full", "few files"])
-@pytest.mark.parametrize("words", WRITING, ids=lambda words: words[0])
+@pytest.mark.parametrize(
+    ("words", "way"),
+    [
+        *((ALIGN, way) for way in ("out full", "out unread", "all closed", "few files")),
+        (EXPORT, "all full"),
+    ],
+    ids=lambda given: given if isinstance(given, str) else given[0],
+)
 def test_writing_commands_write_everything(words, way, out, tmp_path):
     *_, code = WAYS[way]
     done = start_in(way, placed(words, out, tmp_path / "new"))
@@ -156,21 +156,6 @@ def test_a_pipe_that_does_not_wait_is_waited_for():
     assert len(done.stdout) == 1_000_001
 
 
-def test_streams_of_a_caller_come_back_and_others_are_left_alone(monkeypatch, tmp_path):
-    with (tmp_path / "out").open("w", encoding="latin-1") as mine, io.StringIO() as text:
-        monkeypatch.setattr("sys.stdout", mine)
-        monkeypatch.setattr("sys.stderr", text)
-        print("before")
-        with Streams.guarded(until_exit=False) as streams:
-            print("\u0394\xe4")
-            print("said", file=sys.stderr)
-            assert streams.code_after(3) == 3
-        assert sys.stdout is mine
-        print("after")
-        assert text.getvalue() == "said\n"
-    assert (tmp_path / "out").read_bytes() == b"before\n\\u0394\xe4\nafter\n"
-
-
 def test_a_process_without_streams_runs_commands(monkeypatch):
     monkeypatch.setattr("sys.stdout", None)
     monkeypatch.setattr("sys.stderr", None)
@@ -192,18 +177,6 @@ def test_too_few_files_for_workers_end_in_advice_and_leave_nothing(out, tmp_path
     assert "ulimit -n 1024" in done.stderr
     assert [*(tmp_path / "tmp").iterdir()] == []
     assert not (tmp_path / "new" / "alignment.json").exists()
-
-
-def test_an_error_before_anything_is_configured_is_said_once():
-    done = subprocess.run(
-        [*COLLALIGN, "match", "a", "--config", "nowhere.toml"],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 2
-    assert done.stderr.count("nowhere.toml") == 1
-    run_command("status", "nowhere", ends=2)
 
 
 def test_a_log_on_a_full_disk_lacks_lines_and_says_so_once(out, tmp_path):

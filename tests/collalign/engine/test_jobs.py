@@ -4,25 +4,19 @@ import signal
 import subprocess
 import sys
 import time
-from multiprocessing import Process
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-import collalign.engine.job as table_module
 from collalign.engine.progress import ProgressBar
 from collalign.engine.run_jobs import SharedTable, run_jobs
 from data_tools.errors import CollalignError, InputError, OptionsError
-from tests.faults import is_running, worker_processes
+from tests.faults import is_running
 from tests.job_functions import look_up, misbehave, positions, process_id, spectrum
 
 ROOT = Path(__file__).resolve().parents[3]
 SPECTRA = [(f"s{seed}", seed) for seed in range(12)]
-
-
-def total_and_key(record, key):
-    return float(record["positions"].sum()), key
 
 
 def collect(*arguments, **options):
@@ -60,13 +54,6 @@ def test_no_limits_and_one_job_stay_in_this_process_and_a_limit_leaves_it(tmp_pa
     meetings = [(str(i), tmp_path) for i in range(8)]
     met = {result.value for result in collect(meet_another, meetings, num_jobs=2).values()}
     assert len(met) == 2
-
-
-def test_a_child_of_multiprocessing_does_not_wait_for_idle_workers():
-    child = Process(target=collect, args=(process_id, [("a", 1)]), kwargs={"num_jobs": 2})
-    child.start()
-    child.join(60)
-    assert child.exitcode == 0
 
 
 def test_results_stream_and_tasks_are_drawn_as_workers_become_free():
@@ -114,20 +101,6 @@ def test_a_worker_that_is_stopped_is_ended_and_its_task_runs_again(tmp_path):
     results = collect(misbehave, tasks, num_jobs=2, time_limit_s=2.5)
     assert {result.failure for result in results.values()} == {None}
     assert results["stopped"].value == str(tmp_path / "stopped")
-
-
-def test_tasks_go_on_where_all_workers_are_stopped_whatever_they_do(monkeypatch):
-    monkeypatch.setattr("collalign.engine.local_jobs._START_S", 15.0)
-
-    def tasks():
-        for at in range(12):
-            if at == 6:
-                for pid in worker_processes(os.getpid()):
-                    os.kill(pid, signal.SIGSTOP)
-            yield str(at), ("return", at)
-
-    results = collect(misbehave, tasks(), num_jobs=2, time_limit_s=2.5)
-    assert {result.value for result in results.values()} == {*range(12)}
 
 
 def test_failures_are_records_in_one_process_too():
@@ -183,20 +156,6 @@ def test_workers_end_when_their_parent_is_killed():
     assert_gone(workers)
 
 
-def test_a_worker_that_starts_after_its_parent_is_gone_ends_at_once():
-    script = (
-        "import os, sys, time\n"
-        "from collalign.engine.worker import end_with_parent\n"
-        "end_with_parent(int(sys.argv[1])); time.sleep(600)\n"
-    )
-    with subprocess.Popen(["true"]) as zombie:
-        os.waitid(os.P_PID, zombie.pid, os.WEXITED | os.WNOWAIT)  # ended, and not waited for
-        ended = subprocess.run(
-            [sys.executable, "-c", script, str(zombie.pid)], cwd=ROOT, timeout=600, check=False
-        )
-    assert ended.returncode == 1
-
-
 def assert_gone(processes):
     deadline = time.monotonic() + 300.0
     while any(is_running(pid) for pid in processes) and time.monotonic() < deadline:
@@ -218,21 +177,6 @@ def test_shared_records_are_looked_up_by_key(num_jobs):
             table.made("3", positions)[0] = 1.0
         path = table.path
     assert not path.exists()
-
-
-def test_what_is_made_of_records_is_kept_while_they_fit(monkeypatch):
-    records = [(str(i), {"positions": np.full(1000, float(i))}) for i in range(4)]
-    monkeypatch.setattr(table_module, "_MAX_KEPT_BYTES", 20_000)  # two of them
-    with SharedTable.create(records) as table:
-        zero, one = table.made("0", total_and_key), table.made("1", total_and_key)
-        assert (zero, one) == ((0.0, "0"), (1000.0, "1"))
-        assert table.made("0", total_and_key) is zero
-        assert table.made("2", total_and_key) == (2000.0, "2")
-        assert table.made("0", total_and_key) is zero
-        assert table.made("1", total_and_key) is not one
-        assert table.made("1", positions).shape == (
-            1000,
-        )  # kept apart from what else is made of it
 
 
 def test_a_table_that_cannot_be_written_leaves_no_file(tmp_path, monkeypatch):

@@ -5,22 +5,19 @@ import signal
 import threading
 from concurrent.futures import CancelledError
 from contextlib import nullcontext
-from importlib import import_module
 
-import numpy as np
 import pytest
 
 from collalign import AlignOptions, RunOptions, align_collection
-from collalign.engine.run_jobs import SharedTable, run_jobs
+from collalign.engine.run_jobs import run_jobs
 from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import CollalignError
 from data_tools.options import SamplingOptions
 from tests.finished_runs import chairs
-from tests.job_functions import look_up, misbehave, spectrum
+from tests.job_functions import misbehave, spectrum
 from tests.optional import optional_module
 
 distributed, dask = optional_module("distributed"), optional_module("dask")
-dask_jobs = import_module("collalign.engine.dask_jobs")
 
 
 @pytest.fixture(scope="module")
@@ -57,20 +54,6 @@ def kill_one_worker(cluster):
     os.kill(next(worker.pid for worker in cluster.workers.values() if worker.pid), signal.SIGKILL)
 
 
-def test_restarted_workers_have_the_shared_records(cluster):
-    found = {}
-    with SharedTable.create(
-        (str(i), {"positions": np.full((4, 3), float(i))}) for i in range(10)
-    ) as table:
-        tasks = [(f"{i} {j}", str(i)) for i in range(10) for j in range(20)]
-        for result in run_jobs(look_up, tasks, scheduler=cluster.scheduler_address, shared=table):
-            assert result.failure is None
-            found[result.key] = result.value
-            if len(found) == 20:
-                kill_one_worker(cluster)
-    assert found == {f"{i} {j}": 12.0 * i for i in range(10) for j in range(20)}
-
-
 @pytest.mark.parametrize(
     "error",
     [
@@ -94,26 +77,6 @@ def test_results_that_are_lost_on_their_way_are_asked_for_again(error, cluster, 
     results = list(run_jobs(misbehave, tasks, scheduler=cluster.scheduler_address))
     assert sorted(result.value for result in results) == list(range(20))
     assert next(lost, None) is None
-
-
-def tables_of_workers(cluster):
-    def names():
-        from collalign.engine.dask_jobs import _TABLES
-
-        return set(_TABLES)
-
-    with distributed.Client(cluster, set_as_default=False) as client:
-        return list(client.run(names).values())
-
-
-def test_a_table_is_taken_from_the_workers_when_its_run_ends(cluster):
-    with SharedTable.create((str(i), {"positions": np.full(3, 1.0)}) for i in range(4)) as table:
-        tasks = [(str(i), str(i)) for i in range(4)]
-        results = run_jobs(look_up, tasks, scheduler=cluster.scheduler_address, shared=table)
-        assert next(results).value == 3.0
-        assert all(len(names) == 1 for names in tables_of_workers(cluster))
-        assert [result.value for result in results] == [3.0] * 3
-    assert not any(tables_of_workers(cluster))
 
 
 def test_tasks_that_kill_workers_cost_only_themselves(cluster):

@@ -1,6 +1,5 @@
 """What is concluded from deaths of workers and from the ledger, without any worker."""
 
-import faulthandler
 import os
 import threading
 import time
@@ -9,7 +8,7 @@ import pytest
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from collalign.engine.local_jobs import _LocalRun
-from collalign.engine.worker import Call, Guard, Outcome, Task, describe, run_guarded
+from collalign.engine.worker import Call, Guard, Task, describe, run_guarded
 from data_tools.errors import InputError
 
 TASK = Task(token=7, key="a", payload=3)
@@ -31,15 +30,6 @@ class DeadlyRun(_LocalRun):
         if self.has_started:
             self._guard.note("S", TASK.token)
         raise TerminatedWorkerError(f"The exit codes of the workers are {{{self.cause}}}")
-
-
-@pytest.mark.parametrize("cause", ["SIGSEGV(-11)", "SIGKILL(-9)"])
-def test_a_suspect_is_tried_twice_more(tmp_path, cause):
-    run = DeadlyRun(tmp_path, cause, has_started=True)
-    outcome = run._alone(TASK)
-    assert run.num_calls == 2
-    assert outcome.crashed
-    assert outcome.failure == f"the worker process died ({cause}), 3 times in a row"
 
 
 def test_deaths_before_the_task_has_started_are_not_its_own(tmp_path):
@@ -112,16 +102,6 @@ def test_the_ledger_says_that_a_task_started_and_ended_however_it_did(tmp_path, 
         ["E", "7"],
     ]
     assert _LocalRun(call_of(abs), guard, 1)._started_and_not_ended() == {}
-
-
-def test_the_watchdog_is_called_off(tmp_path, monkeypatch):
-    calls = []
-    for name in ("dump_traceback_later", "cancel_dump_traceback_later"):
-        monkeypatch.setattr(faulthandler, name, lambda *_, name=name, **__: calls.append(name))
-    assert isinstance(
-        run_guarded(call_of(abs, time_limit_s=60.0), TASK, Guard(directory=tmp_path)), Outcome
-    )
-    assert calls == ["dump_traceback_later", "cancel_dump_traceback_later"]
 
 
 def test_expected_errors_are_told_as_they_are_and_others_with_their_place():

@@ -5,17 +5,14 @@ import signal
 import socket
 import threading
 import time
-from itertools import count
 
 import pytest
-from joblib._parallel_backends import LokyBackend
 from joblib.externals.loky import reusable_executor
 from joblib.externals.loky.backend import fork_exec
 
-from collalign.console.interruption import orderly_interrupts
 from collalign.engine.run_jobs import run_jobs
 from tests.faults import is_running
-from tests.job_functions import misbehave, nothing
+from tests.job_functions import nothing
 
 
 @pytest.fixture
@@ -54,53 +51,6 @@ def test_workers_that_are_just_starting_end_without_a_word(no_pool, monkeypatch,
         other.join()
     wait_until(lambda: not any(map(is_running, started)))
     assert capfd.readouterr() == ("", "")
-
-
-def test_a_thread_of_the_pool_that_comes_too_late_prints_nothing(no_pool, monkeypatch, caplog):
-    received, late = threading.Event(), threading.Event()
-    submit = LokyBackend.submit
-
-    def submit_late(backend, *arguments, **options):
-        if received.is_set() and not late.is_set():
-            late.set()
-            pool = reusable_executor._executor
-            wait_until(lambda: pool._flags.shutdown)
-        return submit(backend, *arguments, **options)
-
-    monkeypatch.setattr(LokyBackend, "submit", submit_late)
-    results = run_jobs(misbehave, ((str(i), ("return", i)) for i in count()), num_jobs=2)
-    next(results)
-    received.set()
-    late.wait()
-    results.close()
-    assert caplog.text == ""
-
-
-def test_what_else_goes_wrong_in_a_thread_of_the_pool_is_told(caplog):
-    from concurrent.futures import Future
-
-    results = run_jobs(misbehave, [("a", ("return", 1)), ("b", ("return", 2))], num_jobs=2)
-    next(results)
-    future = Future()
-    future.add_done_callback(lambda _: 1 // 0)
-    future.set_result(1)
-    list(results)
-    assert "exception calling callback" in caplog.text
-
-
-def test_after_ctrl_c_threads_of_the_pool_fail_without_a_word(capsys):
-    def fail():
-        thread = threading.Thread(target=lambda: {}[1])
-        thread.start()
-        thread.join()
-
-    before = threading.excepthook
-    with orderly_interrupts(until_exit=False):
-        with pytest.raises(KeyboardInterrupt):
-            signal.raise_signal(signal.SIGINT)
-        fail()
-    assert capsys.readouterr().err == ""
-    assert threading.excepthook is before
 
 
 def wait_until(holds):

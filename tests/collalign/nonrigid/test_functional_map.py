@@ -44,23 +44,6 @@ def test_zoomout_repairs_a_bad_map_and_both_directions_agree(rng):
     assert source @ exact.C_source_target == pytest.approx(target, abs=1e-4)
 
 
-def test_unknown_matches_are_left_out(rng):
-    angles = rng.uniform(0, 2 * np.pi, 200)
-    basis = circle_basis(angles, 21)
-    start = np.where(np.arange(200) < 30, np.arange(200), -1)
-    refined = ZoomOut(basis, basis, zoomout_sizes(7, 21)).refine(start)
-    assert np.array_equal(refined.map_target_source, np.arange(200))
-
-
-def test_sizes_grow_to_the_last():
-    assert zoomout_sizes(5, 9, factor=1.0) == [5, 6, 7, 8, 9]
-    assert zoomout_sizes(20, 20) == [20]
-    sizes = zoomout_sizes(18, 121, factor=1.2)
-    assert sizes[0] == 18
-    assert sizes[-1] == 121
-    assert (np.diff(sizes) > 0).all()
-
-
 def test_wrong_input_is_refused(rng):
     basis = rng.random((20, 9))
     with pytest.raises(OptionsError, match="ascending"):

@@ -5,12 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from collalign.confidence.map_model import (
-    MOST_CONFIDENT,
-    WITHOUT_SIDES,
-    map_probability,
-    point_probability,
-)
 from collalign.nonrigid.map_options import NonrigidOptions
 from collalign.nonrigid.portfolio import MOST_LEAD, SCORE_SCALE, point_terms, standing, trust_of
 from collalign.tools.match.nonrigid import chosen_first
@@ -65,19 +59,6 @@ def test_the_choice_is_what_others_agree_with_and_keeps_the_sides():
     swapped = [candidate(BACKWARDS, -2.0, orientation=-1.0), candidate(SAME, -1.9)]
     assert chosen_first(SHAPE, swapped, NonrigidOptions())[0] is swapped[1]
     assert chosen_first(SHAPE, swapped, NonrigidOptions(orientation="any"))[0] is swapped[0]
-
-
-def test_what_speaks_for_a_map_raises_its_confidence():
-    terms = np.array([0.6, 0.0, 2.0])
-    base = map_probability(terms, knows_sides=True)
-    assert all(map_probability(terms + 0.2 * step, knows_sides=True) > base for step in np.eye(3))
-    assert map_probability(np.full(3, 99.0), knows_sides=True) == MOST_CONFIDENT
-    assert map_probability(np.full(3, 99.0), knows_sides=False) == WITHOUT_SIDES
-    points = point_probability(
-        at := np.array([[0.0, 2.0], [-2.0, 2.0], [0.0, 1.0]]), 0.5, knows_sides=True
-    )
-    assert points[0] > max(points[1:])
-    assert (point_probability(at, 0.9, knows_sides=True) > points).all()
 
 
 def test_points_that_candidates_take_elsewhere_or_that_do_not_come_back_are_doubted():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from collalign.confidence.map_model import FLOOR, LIMB_WEIGHT, STRETCH_WEIGHT, Evidence
-from collalign.nonrigid.map_evidence import _commutativity_gap, _curvature_gap
+from collalign.nonrigid.map_evidence import _commutativity_gap
 from collalign.nonrigid.map_starts import candidate_mask
 from experiments.maps.paper_chain import agd_gaps
 
@@ -41,12 +41,6 @@ def test_a_map_between_different_spectra_commutes_where_its_entries_allow():
     assert _commutativity_gap(entry, target, source) == pytest.approx((4.0 - 1.0) / (4.0 + 1.0))
     assert _commutativity_gap(np.eye(3), target, target) == 0.0
     assert _commutativity_gap(np.zeros((3, 3)), target, source) == 1.0
-
-
-def test_equal_curvatures_have_no_gap():
-    values = np.random.default_rng(0).standard_normal((30, 2))
-    assert _curvature_gap(values, 2.0 * values + 1.0) == pytest.approx(0.0, abs=1e-12)
-    assert _curvature_gap(values, -values) == pytest.approx(2.0)
 
 
 def shapes(num, agd_target, agd_source):

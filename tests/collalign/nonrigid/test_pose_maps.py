@@ -40,17 +40,6 @@ def test_a_rough_start_leads_to_the_pose_of_the_map(bent_pair):
     assert rotation_angle_deg(found, true) < 12.0
 
 
-def test_evidence_prefers_the_right_start(bent_pair):
-    target, source, true = bent_pair
-    mapper = PoseMapper(target, source)
-    right, turned = (
-        mapper.evidence(mapper.map_from(start))
-        for start in (true, np.diag([-1.0, 1.0, -1.0]) @ true)
-    )
-    assert right.score < turned.score - 0.5
-    assert right.orientation > 0.8
-
-
 def test_signs_of_eigenfunctions_find_the_pose_without_one(bent_pair):
     target, source, true = bent_pair
     mapper = PoseMapper(target, source)
@@ -65,13 +54,6 @@ def test_signs_of_eigenfunctions_find_the_pose_without_one(bent_pair):
     assert off[np.argmin(scores)] < 12.0
     assert (off > 150.0).any(), "some of them turn the figure around"
     assert scores[off > 150.0].min() > scores.min() + 1.0
-
-
-def test_a_reflection_keeps_its_determinant(bent_pair):
-    target, source, true = bent_pair
-    mapper = PoseMapper(target, source)
-    found = mapper.rotation_of(mapper.map_from(-true), chirality=-1.0)
-    assert np.linalg.det(found) == pytest.approx(-1.0)
 
 
 def test_axis_poses_are_the_octahedral_group_and_move_with_the_shapes(bent_pair):

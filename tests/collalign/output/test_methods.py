@@ -4,15 +4,11 @@ import dataclasses
 import json
 import os
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from collalign.options import AlignOptions
 from collalign.output.methods.paragraph import methods_paragraph
-from collalign.output.methods.references import MARON, SOFTWARE
-from collalign.output.provenance import option_words
 from collalign.tools.export.run import export
 from tests.commands import read_json, run_command
 from tests.view_problems import view_of, write_result
@@ -136,27 +132,9 @@ def test_who_was_left_out_is_said_and_by_whom():
     assert "left out" not in methods_paragraph(dataclasses.replace(view, excluded=()))
 
 
-def test_collalign_itself_is_cited_as_its_file_of_citation_says():
-    lines = (Path(__file__).parents[3] / "CITATION.cff").read_text().splitlines()
-    values = dict(line.split(": ", 1) for line in lines if ": " in line)
-    cited = SOFTWARE.format(version=values["version"])
-    assert cited.startswith(
-        f"{values['  - name']}. {values['title']}. Version {values['version']}."
-    )
-    assert values["license"] in cited
-    assert values["    doi"] in MARON
-    listed = methods_paragraph(view_of(6)).split("References")[1]
-    assert listed.split("\n")[1].strip() == SOFTWARE.format(version="0.1.0")
-
-
 def test_a_call_from_python_has_no_command(tmp_path):
     export(view_of(6), "csv", tmp_path)
     assert read_json(tmp_path / "run-export-csv.json")["command"] == ""
-
-
-def test_options_are_said_where_they_are_not_as_by_default():
-    options = AlignOptions(seed=3, sampling={"num_points": 30})
-    assert {*option_words(options)} == {"--seed=3", "--sampling.num-points=30"}
 
 
 @pytest.mark.parametrize(

@@ -15,19 +15,17 @@ from scipy.spatial.transform import Rotation
 
 from collalign.output import report
 from collalign.output.members import statistics_members
-from collalign.output.report.content import build_content, categories
-from collalign.output.report.page import page_members, report_pages, shown_part, write_report
+from collalign.output.report.content import build_content
+from collalign.output.report.page import report_pages, shown_part, write_report
 from collalign.output.report.payload import MISSING, pack_mesh, quaternions
-from collalign.output.report.sections import offered_poses, shape_map
-from collalign.output.views import display_mesh, faces_per_shape
+from collalign.output.report.sections import offered_poses
 from collalign.products.pair import Alternative
 from collalign.products.shapes import Incomplete
-from collalign.wording import note_text
 from data_tools.embedding.copies import Copies
 from data_tools.notes import Note
 from data_tools.poses import APART_DEG
 from data_tools.rotations import rotation_angle_deg
-from tests.view_problems import bumpy_shapes, view_of
+from tests.view_problems import view_of
 
 
 def unpack(fields, text):
@@ -75,20 +73,6 @@ def test_quaternions_carry_reflections():
     np.testing.assert_allclose(back, R, atol=1e-12)
     assert mirrored.tolist() == [0, 1, 0, 1, 0]
     assert quaternions(np.empty((0, 3, 3)))[0].shape == (0, 4)
-
-
-def test_display_meshes_are_small_and_keep_their_outline():
-    vertices, faces = bumpy_shapes(1, subdivisions=4)
-    few, triangles = display_mesh(1e4 + vertices[0], faces, max_faces=800)
-    assert 600 <= len(triangles) <= 900
-    np.testing.assert_allclose(np.ptp(few, axis=0), np.ptp(vertices[0], axis=0), rtol=0.03)
-    assert triangles.max() < len(few)
-    np.testing.assert_array_equal(display_mesh(vertices[0], faces, max_faces=10**6)[0], vertices[0])
-    cloud, none = display_mesh(vertices[0], np.empty((0, 3), dtype=int), max_faces=500)
-    assert 250 <= len(cloud) <= 500
-    assert not len(none)
-    assert 4000 >= faces_per_shape(10) > faces_per_shape(300) >= 1000
-    assert faces_per_shape(10**5) * 10**5 <= 4_000_000, "of all shapes together"
 
 
 def test_offered_poses_are_distinct_and_begin_with_the_evidence():
@@ -144,36 +128,6 @@ def test_doubtful_incomplete_and_unaligned_shapes_do_not_count_and_are_named():
     assert not statistics_members(dataclasses.replace(view, incomplete=())).too_few(7)
 
 
-def test_shapes_without_a_place_on_the_map_are_listed_still():
-    view = dataclasses.replace(view_of(9), part_numbers=np.array([1, 0, 0, 0, 0, 0, 0, 0, 1]))
-    found = shape_map(view)
-    assert found["members"] == [2, 3, 4, 5, 6, 7]
-    assert len(found["points"]) == len(found["tree"]["order"]) == 6
-    heights = [height for _, _, height in found["tree"]["linkage"]]
-    assert heights == sorted(heights)
-    assert 0 < found["tree"]["correlation"] <= 1
-    assert list(build_content(view)[0]["orders"]) == [
-        "similarity",
-        "name",
-        "confidence",
-        "taxon",
-        "side",
-    ]
-    for order in build_content(view)[0]["orders"].values():
-        assert sorted(order) == list(range(9))
-
-
-def test_only_shared_labels_become_colours():
-    view = view_of(9)
-    labels = {
-        "side": view.labels["side"],
-        "area": tuple(str(at) for at in range(9)),
-        "only": ("x",) * 9,
-        "few": ("x", "y", *[""] * 7),
-    }
-    assert categories(dataclasses.replace(view, labels=labels)) == ["side", "few"]
-
-
 @pytest.mark.parametrize("num_shapes", [2, 3])
 def test_tiny_collections_say_what_they_cannot_show(num_shapes):
     plain = view_of(num_shapes)
@@ -213,13 +167,6 @@ def test_report_is_the_same_each_time_and_needs_no_network(tmp_path):
     assert "Permission is hereby granted" in page
 
 
-def test_doubtful_shapes_are_named_once_above_the_notes():
-    head = rendered(view_of(5)).partition("<nav")[0]
-    assert "Look at: " in head
-    assert note_text(Note("doubtful", ("shape_001",))) not in head
-    assert "<strong>10</strong>pairs compared, 2 against the common poses" in head
-
-
 def test_names_cannot_become_markup():
     bad = "</script><img src=x onerror=alert(1)>"
     view = dataclasses.replace(
@@ -228,15 +175,6 @@ def test_names_cannot_become_markup():
     page = rendered(view, title=bad)
     assert bad not in page
     assert [shape["name"] for shape in data_of(page)["shapes"]] == [bad, "a & b", "<!--"]
-
-
-def test_places_of_files_cannot_turn_text_round():
-    view = view_of(2)
-    view = dataclasses.replace(view, files=("in\u202eni/a\u200e.ply", "in/b.ply"))
-    page = rendered(view)
-    shown = [shape["file"] for shape in data_of(page)["shapes"]]
-    assert shown == [r"in\u202eni/a\u200e.ply", "in/b.ply"]
-    assert not re.search("[\u202e\u200e]", page)
 
 
 def test_bundle_was_built_from_the_sources_beside_it():
@@ -295,20 +233,3 @@ def test_every_shape_of_a_large_collection_is_on_one_of_the_pages(tmp_path, monk
     assert 'href="page-003.html">next page</a>' in pages[1].read_text()
     assert 'href="page-001.html">page before</a>' in pages[1].read_text()
     assert "next page" not in pages[2].read_text()
-
-
-def test_shapes_of_a_page_were_compared_with_each_other(monkeypatch):
-    small_pages(monkeypatch, 20)
-    view = view_of(60)
-    order = np.random.default_rng(0).permutation(60)
-    ring = [
-        dataclasses.replace(
-            view.pairs[0], target=int(order[i]), source=int(order[i - 1]), inlier=True
-        )
-        for i in range(60)
-    ]
-    members = page_members(dataclasses.replace(view, pairs=tuple(ring)))
-    assert sorted(np.concatenate(members)) == list(range(60))
-    assert [len(page) for page in members] == [20, 20, 20]
-    within = sum(pair.target in page and pair.source in page for page in members for pair in ring)
-    assert within >= 52  # of the names in order 15 or so

@@ -5,12 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from collalign.output.report.content import build_content
 from collalign.output.report.sections import counterparts_on, incomplete_content
 from collalign.output.write import _incomplete
 from collalign.products.shapes import Incomplete
 from data_tools.poses import moved_by
-from tests.collalign.output.test_report_content import rendered, unpack
+from tests.collalign.output.test_report_content import unpack
 from tests.view_problems import view_of
 
 BROKEN = 3
@@ -76,18 +75,6 @@ def test_colours_tell_where_the_plane_was():
     )
     assert not found[beyond > 0.15].any()
     assert found[beyond < -0.05].all()
-
-
-def test_where_no_shape_is_complete_all_are_shown():
-    content, _ = incomplete_content(broken_view(every=True))
-    assert len(content["shapes"]) == 6
-
-
-def test_complete_collections_say_nothing():
-    assert incomplete_content(view_of(4)) == ({}, {})
-    assert build_content(view_of(4))[0]["incomplete"] == {}
-    assert "1 of them incomplete" in rendered(broken_view())
-    assert "of them incomplete" not in rendered(view_of(4))
 
 
 def test_the_record_counts_what_the_arrays_hold():

@@ -47,15 +47,6 @@ def test_every_shape_with_maps_is_drawn_in_its_colours():
     assert build_content(older)[0]["places"][3]["sure"] is None
 
 
-def test_pages_show_the_colours_of_their_shapes():
-    view = mapped_view()
-    shown = view.some(np.array([1, WITHOUT]))
-    assert np.array_equal(shown.places[0], view.places[1])
-    assert len(shown.places[1]) == 0
-    assert [(pair.target, pair.source) for pair in shown.pairs] == [(0, 1)]
-    assert view_of(4).some(np.array([1])).places == ()
-
-
 def test_colours_come_back_from_the_file_and_impossible_ones_do_not(tmp_path):
     view = mapped_view()
     write_result(view, tmp_path / "right")

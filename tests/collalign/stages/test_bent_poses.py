@@ -11,7 +11,7 @@ from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
 from collalign.options import AlignOptions
 from collalign.products.shapes import Constraints
-from collalign.stages.poses.bent import _nearest_map, _trust, numbers_of_samples, with_first_samples
+from collalign.stages.poses.bent import _nearest_map, _trust, numbers_of_samples
 from collalign.stages.poses.refinement import refine_poses
 from collalign.stages.poses.synchronize import synchronize_pairs
 from collalign.synchronization.averaging import average_frames, residuals_deg
@@ -87,16 +87,6 @@ def test_poses_set_by_hand_stay(session, rng):
         assert np.array_equal(refined[shape], solution.rotations[shape])
         assert np.allclose(refined[shape], pose)
     assert not np.allclose(refined[0], solution.rotations[0], atol=1e-4)
-
-
-def test_first_samples_are_centred_and_of_unit_size(rng):
-    samples = replace(noisy_crowns(rng, 0.0)[0][0], invariants=rng.standard_normal((32, 2)))
-    few = with_first_samples(samples, 8)
-    assert np.allclose(few.positions.mean(axis=0), 0)
-    assert np.linalg.norm(few.positions) == pytest.approx(1.0)
-    assert np.allclose(few.invariants, 2.0 * samples.invariants[:8])
-    whole = with_first_samples(samples, 32)
-    assert np.allclose(whole.positions, samples.positions / np.linalg.norm(samples.positions))
 
 
 @pytest.mark.parametrize(

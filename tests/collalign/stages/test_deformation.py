@@ -29,7 +29,7 @@ from tests.notes import codes
 pytestmark = pytest.mark.usefixtures("quick_search")
 NUM, SIZE = 6, 12
 #: Which vertex of the blob is each vertex of its bent copies.
-ORDERS = [np.random.default_rng(n).permutation(700) for n in range(4)]
+ORDERS = [np.random.default_rng(n).permutation(700) for n in range(3)]
 
 
 def planted(rng, *, num_wrong=0):
@@ -102,7 +102,7 @@ def deformed(tmp_path_factory):
     root = tmp_path_factory.mktemp("deformed")
     folder = root / "shapes"
     folder.mkdir()
-    shapes = bent_blobs(folder, 4)
+    shapes = bent_blobs(folder, 3)
     aligned = align_collection(folder, deformable=True, group="O", jobs=1, progress=False)
     aligned.save(root / "out", report=False)
     return shapes, aligned, root / "out"
@@ -125,35 +125,11 @@ def test_maps_of_bent_blobs_find_every_vertex(deformed):
     shapes, aligned, _ = deformed
     maps = aligned.made.vertices
     assert maps is not None
-    assert maps.names == ("f0", "f1", "f2", "f3")
+    assert maps.names == ("f0", "f1", "f2")
     assert not maps.left_out
     assert worst_share(maps, shapes, within=0.2) > 0.9
     backwards = replace(maps, places=tuple(own[:: (-1) ** n] for n, own in enumerate(maps.places)))
     assert worst_share(backwards, shapes, within=0.2) < 0.5
-
-
-def test_maps_compose_around_cycles(deformed):
-    shapes, aligned, _ = deformed
-    maps = aligned.made.vertices
-    assert maps is not None
-    around = maps["f0", "f1"][maps["f1", "f2"]][maps["f2", "f0"]]
-    gaps = np.linalg.norm(shapes[0].vertices[around] - shapes[0].vertices, axis=1)
-    assert np.quantile(gaps, 0.9) < 0.1 * np.ptp(shapes[0].vertices, axis=0).max()
-
-
-def test_places_lie_on_the_reference_and_maps_go_to_the_nearest_of_them(deformed):
-    shapes, aligned, _ = deformed
-    maps = aligned.made.vertices
-    assert maps is not None
-    reference = shapes[maps.names.index(maps.reference)]
-    locator = SurfaceLocator(reference.vertices, reference.faces)
-    for places in maps.places:
-        np.testing.assert_allclose(
-            locator.closest(places).on(reference.vertices), places, atol=1e-6
-        )
-    np.testing.assert_array_equal(
-        maps[maps.reference, maps.reference], np.arange(len(reference.vertices))
-    )
 
 
 def test_right_places_are_trusted_and_those_of_the_other_side_are_not(deformed):
@@ -191,7 +167,7 @@ def test_vertices_without_a_place_have_no_map_and_get_none_to_them():
 def test_maps_survive_saving(deformed, tmp_path):
     _, aligned, out = deformed
     maps, again = aligned.made.vertices, load(out).vertex_maps
-    assert (again["f1", "f3"] == maps["f1", "f3"]).all()
+    assert (again["f1", "f2"] == maps["f1", "f2"]).all()
     assert again.reference == maps.reference
     np.testing.assert_array_equal(again.confidence, maps.confidence)
     np.testing.assert_allclose(

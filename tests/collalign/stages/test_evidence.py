@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from collalign.align import align_collection
 from collalign.confidence.candidate_model import (
@@ -40,7 +39,7 @@ from collalign.stages.evidence.weigh import (
 )
 from collalign.stages.poses.synchronize import pair_graph
 from data_tools.datasets.synthetic import bent
-from data_tools.datasets.synthetic_shapes import blob, figure
+from data_tools.datasets.synthetic_shapes import figure
 from data_tools.embedding.embedding import sample_shape
 from data_tools.errors import OptionsError
 from data_tools.io.shapes import write_mesh
@@ -157,19 +156,6 @@ def test_maps_are_asked_where_pairs_match_badly():
         wants_maps(mixed, shapes_of(BARE), [rigid])
 
 
-def test_maps_are_not_asked_where_surfaces_overlap_at_rigid_poses():
-    shape = blob(np.random.default_rng(0), num_vertices=400)
-    whole, other = (
-        sample_shape(replace(shape, vertices=shape.vertices * [k, 1.0, 1.0 / k]))
-        for k in (2.5, 1.0)
-    )
-    weak = replace(a_pair([1.5 * BENT_ENERGY]), target=0, source=1)
-    near = replace(weak, rotations=Rotation.from_rotvec([0.0, 0.0, 0.05]).as_matrix()[None])
-    assert not wants_maps(AlignOptions(), shapes_of([whole, whole]), [near])
-    assert wants_maps(AlignOptions(), shapes_of([whole, whole]), [weak])
-    assert wants_maps(AlignOptions(), shapes_of([whole, other]), [near])
-
-
 def test_maps_are_not_asked_where_all_cycles_of_pairs_close():
     rng = np.random.default_rng(3)
     turns = [random_rotation(rng) for _ in range(6)]
@@ -255,18 +241,6 @@ def test_the_strongest_votes_are_rivals_and_tried_against_sure_partners(monkeypa
 
 def costs_of(pair):
     return candidate_costs(pair.energies, pair.mismatches)
-
-
-def test_neighbourhoods_count_beside_energies():
-    pair = replace(a_pair([0.10, 0.11, 0.3]), mismatches=np.array([0.09, 0.03, 0.2]))
-    assert np.argmin(costs_of(pair)) == 1
-    assert costs_of(pair)[0] == pytest.approx(0.10)
-    assert costs_of(replace(pair, energies=2.0 * pair.energies)) == pytest.approx(
-        2.0 * costs_of(pair)
-    )
-    assert np.argmin(costs_of(replace(pair, mismatches=np.array([0.03, 0.09, 0.2])))) == 0
-    for unknown in ([], [0.1, np.nan, 0.2], [0.1]):
-        assert (costs_of(replace(pair, mismatches=np.array(unknown))) == pair.energies).all()
 
 
 def test_chances_of_candidates_leave_room_for_none_and_do_not_depend_on_units():

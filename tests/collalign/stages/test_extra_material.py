@@ -1,18 +1,14 @@
 """Extra material, such as a stand: found, named, ignored by poses, and left out of correspondences on request."""
 
 import json
-from contextlib import nullcontext
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from collalign import AlignOptions, RunOptions, align_collection, load, note_text
-from collalign.engine.session import Session
+from collalign import AlignOptions, align_collection, load, note_text
 from collalign.output.report.content import build_content
-from collalign.stages import extra_material
-from collalign.stages.extra_material import Disks, extra_points, find_extra
+from collalign.stages.extra_material import Disks, extra_points
 from data_tools.datasets.synthetic import deformed_family
 from data_tools.datasets.synthetic_shapes import blob, sphere_mesh
 from data_tools.embedding.surface_points import spread_points
@@ -126,31 +122,6 @@ def test_files_and_page_say_where_extra_material_is(aligned, tmp_path):
     assert drawn["mesh"] in document["meshes"]
     assert f"mesh-{drawn['mesh']}" in blobs
     assert "extra" not in document["shapes"][0]
-
-
-def test_no_shape_of_a_family_has_extra_material(family, monkeypatch):
-    surfaces = [spread_points(shape, 300) for shape in family]
-    shown = spread_points(on_stand(family[0])[0], 300)
-    assert extra_points(shown, surfaces[1:], 1.0).any()
-    # Nothing of the family is far from the others, which shows before any pose is refined.
-    monkeypatch.setattr(extra_material, "refined_on", lambda *_: pytest.fail("a pose was refined"))
-    assert not extra_points(surfaces[0], surfaces[1:], 1.0).any()
-    with Session.open(OPTIONS, RunOptions(jobs=1)) as session:
-        assert find_extra(session, [], np.empty((0, 4, 4)), [], 1.0) == {}
-
-
-def test_nothing_is_looked_for_where_most_poses_are_in_doubt(monkeypatch):
-    looked = []
-    monkeypatch.setattr(extra_material, "find_extra", lambda *_: looked.append(1) or {})
-    run = SimpleNamespace(session=None, stage=lambda _: nullcontext())
-    whole = SimpleNamespace(names=("a", "b", "c"), samples=())
-    for sure, num in ((0.5, 0), (0.51, 1)):
-        solution = SimpleNamespace(confidence=np.array([0.2, sure, 0.9]), parts=(np.arange(3),))
-        posed = SimpleNamespace(solution=solution, incomplete=(), transforms=None)
-        assert not extra_material.extra_material(
-            (run, None, posed), whole, extra_material.Extra()
-        ).surfaces  # type: ignore[arg-type]
-        assert len(looked) == num
 
 
 def test_what_is_elsewhere_on_the_others_is_no_extra_material(family):

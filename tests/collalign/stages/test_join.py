@@ -133,17 +133,6 @@ def test_a_wrong_link_beside_right_ones_holds_nothing(scans):
     assert max(cut.against for cut in joined.cuts) <= 0  # ... but contradicted by what was seen
 
 
-def test_a_stray_move_between_others_does_not_take_the_place_of_those_that_agree():
-    degrees = [0.0, 0.5, -0.5, 15.0, 30.0]  # the fourth is near all others
-    moves = np.tile(np.eye(4), (len(degrees), 1, 1))
-    moves[:, :3, :3] = Rotation.from_rotvec(
-        np.deg2rad(degrees)[:, None] * [0.0, 0.0, 1.0]
-    ).as_matrix()
-    places = join._places([(1.0, move) for move in moves], np.zeros(3), cell=1.0)
-    assert pose_angle_deg(places[0][1][:3, :3], np.eye(3)) < 1.0
-    assert [len(places), places[0][0] > places[1][0]] == [2, True]
-
-
 def test_a_sure_wrong_link_does_not_win_against_what_was_seen(scans):
     surfaces, poses = scans
     turn = Rotation.from_rotvec([0.0, 1.0, 0.3]).as_matrix()

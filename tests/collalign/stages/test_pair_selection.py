@@ -36,14 +36,6 @@ def test_pose_size_mirroring_and_order_do_not_matter(rng):
     assert one.shape == (35 + 10,)
 
 
-def test_similar_shapes_are_nearer_than_different_ones(rng):
-    points = rng.standard_normal((30, 3)) * [3.0, 1.0, 1.0]
-    similar = shape_descriptor(samples_of(points + 0.05 * rng.standard_normal((30, 3))))
-    different = shape_descriptor(samples_of(rng.standard_normal((30, 3)) * [3.0, 3.0, 0.1]))
-    one = shape_descriptor(samples_of(points))
-    assert np.linalg.norm(one - similar) < 0.2 * np.linalg.norm(one - different)
-
-
 def test_invariants_tell_shapes_of_equal_positions_apart(rng):
     samples = samples_of(rng.standard_normal((30, 3)), rng.standard_normal((30, 2)))
     other = replace(samples, invariants=samples.invariants + 1.0)
@@ -101,16 +93,6 @@ def test_sparse_pairs_have_no_bridge_and_the_wanted_degree(num_shapes, kind, rng
     assert num_shapes == 2 or not nx.has_bridges(graph)
     assert 2 * len(edges) / num_shapes <= DEGREE + 2
     assert num_shapes < DEGREE + 2 or min(degree for _, degree in graph.degree) >= 3
-
-
-def test_near_shapes_are_paired(rng):
-    descriptors = rng.standard_normal((80, 3))
-    edges = as_set(select_pairs("sparse", hashes(80), descriptors))
-    distances = np.linalg.norm(descriptors[:, None] - descriptors, axis=2)
-    nearest = np.argsort(distances, axis=1)[:, 1]
-    assert all((min(i, j), max(i, j)) in edges for i, j in enumerate(nearest))
-    far = [distances[i, j] for i, j in edges]
-    assert max(far) > np.median(distances)  # never neighbours alone
 
 
 def test_a_growing_collection_adds_only_pairs_with_new_shapes(rng):

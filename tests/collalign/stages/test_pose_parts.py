@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from collalign.options import AlignOptions
-from collalign.products.shapes import Constraints
 from collalign.stages.poses.agreement import resolve_pair
 from collalign.stages.poses.placement import rotated_solution
 from collalign.stages.poses.synchronize import synchronize_pairs
@@ -14,17 +13,10 @@ from data_tools.errors import OptionsError
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
-from tests.products import pair_of, samples_at
+from tests.products import pair_of
 from tests.synchronization_problems import mixed_collection
 
 SIZES = (9, 7)
-NONE = Constraints()
-
-
-@pytest.fixture
-def labels_and_truth():
-    problem, labels = mixed_collection(np.random.default_rng(4), SIZES, wrong=0.1)
-    return labels, problem.truth
 
 
 @pytest.fixture
@@ -36,14 +28,6 @@ def pairs():
         for (i, j), rotations, energies in zip(
             problem.edges, problem.rotations, problem.energies, strict=True
         )
-    ]
-
-
-@pytest.fixture
-def samples(rng):
-    return [
-        samples_at(points, name=str(i))
-        for i, points in enumerate(rng.standard_normal((sum(SIZES), 6, 3)))
     ]
 
 

@@ -60,22 +60,6 @@ def test_two_kinds_are_told_apart_by_pairs_that_agree_and_energies(said):
     assert kinds not in said(sure(s1=0.9), mixed)
 
 
-@pytest.mark.parametrize(
-    ("doubted", "named"),
-    [
-        ({"s1": 0.2}, ["s1"]),
-        ({"s1": 0.3, "s2": 0.2, "s7": 0.1}, ["s2", "s1"]),
-        ({"s7": 0.1}, []),
-        ({"s1": 0.9}, []),
-        ({f"s{i}": 0.1 for i in range(6)}, ["s0", "s1", "s2"]),
-        ({f"s{i}": 0.1 for i in range(3, 8)}, []),
-    ],
-)
-def test_open_surfaces_in_doubt_may_be_incomplete(said, doubted, named):
-    found = said(sure(**doubted), pairs_at(np.tile(np.eye(3), (NUM, 1, 1))))
-    assert found == ([Note("open-borders", tuple(named))] if named else [])
-
-
 def test_nobody_asks_for_incomplete_shapes_who_was_told_of_none(said):
     told, pairs = replace(OPTIONS, incomplete="never"), pairs_at(np.tile(np.eye(3), (NUM, 1, 1)))
     assert said(sure(s1=0.2), pairs, told) == []

@@ -20,7 +20,6 @@ from collalign.stages.incomplete.scans import describe_surfaces
 from collalign.stages.shape_stage import (
     chirality_of_file,
     common_num_points,
-    measure_surfaces,
     prepare_shapes,
 )
 from data_tools.datasets.synthetic_shapes import blob
@@ -169,15 +168,6 @@ def test_point_sets_of_fewer_points_are_matched_at_those_of_the_largest(tmp_path
     assert not shapes.excluded
 
 
-def test_one_poor_shape_lowers_nobody(tmp_path, folder, rng):
-    np.savetxt(folder / "poor.xyz", rng.standard_normal((31, 3)))
-    with_poor = prepare(folder)
-    (folder / "poor.xyz").unlink()
-    alone = prepare(folder, tmp_path / "other")
-    for one, other in zip(with_poor.samples[1:], alone.samples, strict=True):
-        np.testing.assert_array_equal(one.positions, other.positions)
-
-
 def test_the_number_of_points_follows_the_shape_of_most_points():
     assert common_num_points([41] * 9 + [3], 64) == 41
     assert common_num_points([39, 45, 41, 64], 64) == 64
@@ -195,12 +185,3 @@ def test_the_chirality_of_surfaces_is_found_with_the_samples_where_sides_are_ask
         )
     given = replace(OPTIONS, group="SO")
     assert prepare(folder, folder.parent / "given", given).chirality == (None,) * 3
-
-
-def test_the_chirality_of_surfaces_is_measured_where_the_store_has_samples_alone(folder):
-    given, store = replace(OPTIONS, group="SO"), folder.parent / "store"
-    prepare(folder, store, given)
-    with Session.open(OPTIONS, RunOptions(jobs=1, store=store)) as session:
-        shapes = prepare_shapes(session, read_folder(folder))
-        assert shapes.chirality == (None,) * 3
-        assert all(len(one.faces) for one in measure_surfaces(session, shapes))

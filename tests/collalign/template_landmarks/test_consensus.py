@@ -8,7 +8,6 @@ from collalign.template_landmarks.consensus import (
     agreement_notes,
     geometric_median,
     order_mistakes,
-    reordered,
     template_trust,
 )
 from data_tools.notes import Note
@@ -55,25 +54,6 @@ def test_a_template_far_from_the_others_does_not_count_and_one_of_two_does(place
     assert (template_trust(places[:1]) == 1).all()
 
 
-def test_a_template_without_a_landmark_does_not_count_and_two_others_do_not_outvote_each_other(
-    places,
-):
-    places[0, 3] = np.nan
-    places[1, 3] += 1.0
-    trust = template_trust(places[:3])
-    assert trust[:, 3].tolist() == [0, 1, 1]
-    identical = np.repeat(places[2:3], 3, axis=0)
-    assert (template_trust(identical) == 1).all()
-
-
-@pytest.mark.parametrize("num", [1, 2, 3, 5])
-def test_templates_in_the_same_order_are_right(places, num):
-    mistakes, wrong = order_mistakes(places[:num])
-    assert (mistakes, wrong.any()) == ((), False)
-    noisy = places[:num] + 0.5 * np.random.default_rng(0).standard_normal(places[:num].shape)
-    assert order_mistakes(noisy)[0] == (), "no order explains noise"
-
-
 @pytest.mark.parametrize("num", [2, 3, 5])
 def test_swapped_landmarks_are_found_in_the_template_that_is_outvoted(places, num):
     places[1, [2, 11]] = places[1, [11, 2]]
@@ -111,24 +91,6 @@ def test_two_mistakes_in_two_of_five_templates_are_found_in_both(places):
         (0, (0, 1), True),
         (3, (5, 6), True),
     ]
-
-
-@pytest.mark.parametrize("num", [2, 3])
-def test_one_landmark_under_two_names_contradicts_nothing(places, num):
-    more = np.concatenate([places[:num], np.full((num, 1, 3), np.nan)], axis=1)
-    more[1, NUM], more[1, 3] = more[1, 3], np.nan
-    (mistake,), wrong = order_mistakes(more)
-    assert mistake.kind == "renamed"
-    assert {*mistake.rows, *mistake.places} == {3, NUM}
-    assert mistake.decided == (num > 2)
-    assert not wrong.any()
-
-
-def test_a_landmark_that_only_one_template_has_elsewhere_is_another_one(places):
-    more = np.concatenate([places[:2], np.full((2, 1, 3), np.nan)], axis=1)
-    more[1, NUM], more[1, 3] = more[1, 3] + 1.0, np.nan
-    assert order_mistakes(more)[0] == ()
-    assert (reordered(np.full((3, 3), np.nan), np.zeros((3, 3))) == np.arange(3)).all()
 
 
 def test_notes_name_a_mistake_once_and_far_landmarks_with_their_distances():

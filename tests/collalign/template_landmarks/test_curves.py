@@ -49,12 +49,6 @@ def test_a_closed_curve_goes_all_the_way_round():
     assert np.isclose(around.sum(), 2 * np.pi, rtol=0.03)
 
 
-def test_curves_without_extent_and_two_points_are_no_trouble():
-    np.testing.assert_allclose(evenly_spaced(np.ones((3, 3)), 4, closed=False), np.ones((4, 3)))
-    line = evenly_spaced(np.array([[0.0, 0, 0], [0, 0, 0], [3, 0, 0]]), 4, closed=False)
-    np.testing.assert_allclose(line[:, 0], [0, 1, 2, 3], atol=1e-9)
-
-
 def test_direction_and_start_do_not_matter():
     closed = arc(np.linspace(0, 2 * np.pi, 9, endpoint=False)) * [2, 1, 1]
     turned = np.roll(closed[::-1], 4, axis=0)
@@ -84,16 +78,6 @@ def test_templates_drawn_in_other_ways_and_poses_agree():
     )
     more = landmark_table({"a": curve(drawn)}, {"a": STILL}, curve_points=20)
     assert len(more.labels) == 21
-
-
-def test_a_closed_curve_is_counted_from_where_the_first_template_begins():
-    ring = arc(np.linspace(0, 2 * np.pi, 12, endpoint=False)) * [3, 1, 1]
-    elsewhere = curve(np.roll(ring[::-1], 5, axis=0), "closed curve")
-    table = landmark_table(
-        {"a": curve(ring, "closed curve"), "b": elsewhere}, {"a": STILL, "b": STILL}
-    )
-    apart = np.linalg.norm(table.points["b"][1:, None] - table.points["a"][1:], axis=2)
-    assert apart.argmin(axis=1).tolist() == list(range(12))
 
 
 def test_what_a_template_lacks_is_missing():

@@ -12,7 +12,6 @@ from data_tools.errors import InputError
 from data_tools.io.shapes import LPS_RAS, write_mesh
 from data_tools.landmark_files import Landmarks, Semilandmarks
 from data_tools.notes import Note
-from data_tools.options import CleaningOptions
 from data_tools.poses import moved_by
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
@@ -62,18 +61,6 @@ def test_markups_that_are_no_landmarks_are_named(tmp_path):
     )
 
 
-def test_templates_are_read_with_the_columns_of_the_collection(tmp_path):
-    """So that landmarks of a cloud are checked against its points, not against its classes."""
-    rows = np.column_stack([np.ones(len(SHAPE.vertices)), SHAPE.vertices])
-    np.savetxt(tmp_path / "a.txt", rows)
-    files = {"a": tmp_path / "a.txt"}
-    cleaning = CleaningOptions(columns="class,x,y,z")
-    found, _, _ = place_templates({"a": marks(POINTS)}, files, (), cleaning)
-    np.testing.assert_array_equal(found["a"].points, POINTS)
-    with pytest.raises(InputError, match="Say which with --columns"):
-        place_templates({"a": marks(POINTS)}, files, ())
-
-
 @pytest.mark.parametrize(
     ("points", "words"),
     [
@@ -116,31 +103,6 @@ def test_a_declared_system_is_converted_to_the_template_s(tmp_path, of_mesh, sai
     np.testing.assert_allclose(found[0]["a"].points, POINTS)
     np.testing.assert_allclose(found[0]["a"].semilandmarks[0].points, POINTS[:4])
     assert ("landmarks-converted" in codes(found[1])) == (not same)
-    assert found[2] == "LPS"
-
-
-def test_where_the_mesh_says_nothing_its_surface_decides_which_system_it_is_in(tmp_path):
-    found = placed(tmp_path, marks(POINTS, "RAS"))
-    np.testing.assert_array_equal(found[0]["a"].points, POINTS)
-    assert found[2] == "RAS"
-    assert found[1] == (
-        Note("landmarks-in-system", ("a",), {"declared": ("RAS",), "system": "RAS"}),
-    )
-    found = placed(tmp_path, marks(POINTS * LPS_RAS, "LPS"))
-    np.testing.assert_allclose(found[0]["a"].points, POINTS)
-    assert found[2] == "RAS"
-    for system in ("LPS", "RAS"):
-        with pytest.raises(InputError, match="are not on its surface"):
-            placed(tmp_path, marks(POINTS + 5 * RADIUS, system))
-
-
-def test_a_surface_that_fits_both_ways_is_lps_as_slicer_takes_it(tmp_path):
-    halves = np.vstack([SEAT.vertices, SEAT.vertices * LPS_RAS + 0.005 * RADIUS])
-    both = Shape.from_arrays(
-        halves, np.vstack([SEAT.faces, SEAT.faces + len(SEAT.vertices)]), name="a"
-    )
-    found = placed(tmp_path, marks(SEAT.vertices[ROWS], "RAS"), shape=both)
-    np.testing.assert_allclose(found[0]["a"].points, SEAT.vertices[ROWS] * LPS_RAS)
     assert found[2] == "LPS"
 
 
@@ -188,13 +150,6 @@ def test_codes_for_missing_landmarks_are_no_landmarks(tmp_path, code, system):
         placed(tmp_path, marks(points, system), declared="LPS" if system else "")
 
 
-def test_a_landmark_with_equal_coordinates_on_the_surface_is_one(tmp_path):
-    corner = SHAPE.vertices - SHAPE.vertices[ROWS[0]] - 1.0
-    shape = Shape.from_arrays(corner, SHAPE.faces, name="a")
-    found = placed(tmp_path, marks(corner[ROWS]), shape=shape)
-    assert (found[0]["a"].points[0].tolist(), found[1]) == ([-1.0, -1.0, -1.0], ())
-
-
 def test_points_of_curves_that_are_codes_are_left_out_and_of_patches_missing(tmp_path):
     points = np.array(POINTS[:6])
     points[2] = -999
@@ -207,14 +162,6 @@ def test_points_of_curves_that_are_codes_are_left_out_and_of_patches_missing(tmp
     rim = Semilandmarks(name="rim", kind="open curve", points=points[1:3])
     with pytest.raises(InputError, match="a: the curve 'rim' has 1 points"):
         placed(tmp_path, replace(marks(POINTS), semilandmarks=(rim,)))
-
-
-def test_landmarks_in_one_place_of_the_surface_may_be_in_other_units(tmp_path):
-    corner = SHAPE.vertices - SHAPE.vertices[ROWS[0]]
-    shape = Shape.from_arrays(corner, SHAPE.faces, name="a")
-    (note,) = placed(tmp_path, marks(corner[ROWS] / 1000), shape=shape)[1]
-    assert (note.code, note.values["times"]) == ("landmarks-close", 1000.0)
-    assert placed(tmp_path, marks(corner[ROWS]), shape=shape)[1] == ()
 
 
 def test_between_the_points_of_a_cloud_landmarks_are_on_it(tmp_path):

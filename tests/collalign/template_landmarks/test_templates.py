@@ -1,7 +1,6 @@
 """To which shapes landmark files belong."""
 
 import logging
-import unicodedata
 from pathlib import Path
 from typing import get_args
 
@@ -77,17 +76,6 @@ def test_a_word_for_landmarks_after_the_name_does_not_matter(tmp_path, caplog):
         read_templates([tmp_path / "s0_left.csv"], names)
     with pytest.raises(InputError, match="no shape is called 's0_3'; did you mean 's0_2'"):
         read_templates([f"s0_3={tmp_path / 's0_left.csv'}"], names)
-
-
-def test_names_in_either_encoding_of_accents_are_the_same(tmp_path):
-    composed = "Schädel_Köln"
-    apart = unicodedata.normalize("NFD", composed)
-    (tmp_path / f"{apart}.csv").write_text("a,0,0,1\n")
-    assert [*read_templates([tmp_path / f"{apart}.csv"], (composed,))] == [composed]
-    (tmp_path / "all.tps").write_text(TPS.format(apart) + TPS.format("b"))
-    assert [*read_templates([tmp_path / "all.tps"], (composed,))] == [composed]
-    (tmp_path / "one.csv").write_text("a,0,0,1\n")
-    assert [*read_templates([f"{apart}={tmp_path / 'one.csv'}"], (composed,))] == [composed]
 
 
 def tps(path, *specimens):

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from collalign.tools.transfer.disagreement import (
-    agreement_figure,
     agreement_rows,
     agreement_text,
     findings,
@@ -76,17 +75,3 @@ def test_the_table_has_every_template_and_landmark_but_no_points_of_the_surface(
     assert record["landmarks"] == ["LM1", "LM2", "$LM3"]
     assert record["distance"][0] == [0.1, 0.1, None]
     assert [one["code"] for one in record["notes"]] == ["templates-reordered"]
-
-
-def test_the_picture_has_a_surface_for_each_template_with_findings_and_a_chart(view, tmp_path):
-    for notes, num in (([SWAPPED], 1), ([SWAPPED, FAR], 2)):
-        found = transferred(view, *[named(view, one) for one in notes])
-        figure = agreement_figure(view, found)
-        surfaces, chart, _ = figure.axes
-        assert len(surfaces.collections) == 1, "all surfaces are drawn at once"
-        texts = [text.get_text() for text in surfaces.texts]
-        assert sum(text in view.names for text in texts) == num
-        assert {"LM1", "LM2"} <= {*texts}
-        assert [text.get_text() for text in chart.get_yticklabels()] == list(view.names)
-        figure.savefig(tmp_path / "picture.png")
-        assert (tmp_path / "picture.png").stat().st_size > 0

@@ -19,7 +19,7 @@ from data_tools.landmark_files import read_landmarks
 from data_tools.landmark_tables import read_specimens
 from data_tools.notes import Note
 from tests.commands import read_json
-from tests.optional import OPEN3D_EXTRA, optional_module
+from tests.optional import optional_module
 from tests.view_problems import NUM_SAMPLES, view_of
 
 TABLES = (
@@ -58,12 +58,6 @@ def test_files_are_where_they_are_said_to_be_and_the_same_each_time(view, tmp_pa
     for a, b in zip(first, second, strict=True):
         assert a.is_relative_to(tmp_path / "one")
         assert a.read_bytes() == b.read_bytes()
-
-
-def test_morphologika_has_the_labels(view, tmp_path):
-    lines = export(view, "morphologika", tmp_path)[0].read_text().splitlines()
-    assert lines[lines.index("[labels]") + 1].split() == ["taxon", "side"]
-    assert lines[lines.index("[labelvalues]") + 2].split() == ["taxon_B", "left"]
 
 
 @pytest.mark.parametrize("format", ["tps", "morphologika"])
@@ -118,41 +112,6 @@ def test_what_the_alignment_said_is_repeated(view, tmp_path):
     for format in ("csv", "itk"):
         export(noted, format, tmp_path / format)
         assert note_text(noted.notes[0]) in (tmp_path / format / f"notes-{format}.txt").read_text()
-
-
-def test_tps_by_ktch(view, tmp_path):
-    ktch_io = optional_module("ktch.io")
-    found = ktch_io.read_tps(export(view, "tps", tmp_path)[0])
-    assert [specimen.specimen_name for specimen in found] == list(view.names)
-    sized = view.aligned_landmarks / view.scales[:, None, None]
-    np.testing.assert_allclose([specimen.to_numpy() for specimen in found], sized, atol=1e-12)
-
-
-def test_slicer_json(view, tmp_path):
-    for path, points in zip(
-        export(view, "slicer-json", tmp_path), view.aligned_landmarks, strict=True
-    ):
-        markup = read_json(path)["markups"][0]
-        assert markup["coordinateSystem"] == "LPS"
-        status = [control["positionStatus"] for control in markup["controlPoints"]]
-        assert status.count("undefined") == np.isnan(points).any(axis=1).sum()
-        np.testing.assert_array_equal(read_landmarks(path).points, points)
-
-
-@pytest.mark.parametrize(
-    ("format", "space", "code"),
-    [
-        ("itk", "aligned", "directions-itk"),
-        ("shapeworks", "aligned", "directions-shapeworks"),
-        ("csv", "unscaled", "directions-tables"),
-        ("slicer-json", "aligned", "coordinates-aligned"),
-        ("slicer-json", "raw", "coordinates-raw-sides"),
-    ],
-)
-def test_notes_say_where_transforms_and_landmarks_are(view, tmp_path, format, space, code):
-    export(view, format, tmp_path, space=space)
-    note = next(note for note in export_notes(view, format, space) if note.code == code)
-    assert note_text(note) in (tmp_path / f"notes-{format}.txt").read_text()
 
 
 def test_itk_by_simpleitk_is_the_inverse_pose(view, tmp_path):
@@ -267,16 +226,6 @@ def test_poses_for_open3d_are_those_of_the_result(view, tmp_path, space):
     assert [row["name"] for row in rows(table)] == list(view.names)
 
 
-def test_open3d_reads_its_poses(view, tmp_path):
-    open3d = optional_module("open3d", OPEN3D_EXTRA)
-    log, graph, _ = export(view, "open3d", tmp_path)
-    read = open3d.io.read_pose_graph(str(graph))
-    np.testing.assert_allclose([node.pose for node in read.nodes], poses_of_log(log), rtol=1e-9)
-    trajectory = open3d.io.read_pinhole_camera_trajectory(str(log))
-    read_back = [np.linalg.inv(camera.extrinsic) for camera in trajectory.parameters]
-    np.testing.assert_allclose(read_back, poses_of_log(log), rtol=1e-6, atol=1e-9)
-
-
 def test_a_meshlab_project_names_meshes_that_its_poses_place(view, tmp_path):
     project, *meshes = export(view, "meshlab", tmp_path)
     lines = project.read_text().splitlines()
@@ -304,12 +253,6 @@ def test_one_cloud_has_a_label_of_each_point(view, tmp_path):
         np.testing.assert_allclose(there, expected, rtol=1e-5, atol=1e-6)
     cloud = trimesh.load(merged)
     assert len(cloud.vertices) == len(points)
-
-
-def test_meshes_are_whole_even_if_the_view_is_decimated(view, tmp_path):
-    few = dataclasses.replace(view, faces=tuple(faces[:10] for faces in view.faces))
-    mesh = trimesh.load_mesh(export(few, "ply", tmp_path)[0])
-    assert len(mesh.faces) == len(view.faces[0])
 
 
 def test_moved_files_are_found_in_the_folder_named(view, tmp_path):
@@ -412,23 +355,6 @@ def test_doubtful_and_incomplete_shapes_have_rows_but_move_nothing_that_is_compu
     with pytest.raises(InputError, match="0 shapes are complete and sure"):
         export(nobody, "tps", tmp_path / "none", space="procrustes")
     assert not {path.stem for path in export(nobody, "csv", tmp_path / "none")} & set(TABLES[2:])
-
-
-def test_shapes_have_their_sizes(view, tmp_path):
-    export(view, "csv", tmp_path)
-    shapes = rows(tmp_path / "shapes.csv")
-    assert [float(row["centroid_size_landmarks"]) for row in shapes] == centroid_sizes(
-        view.landmarks
-    ).tolist()
-    assert [float(row["scale"]) for row in shapes] == view.scales.tolist()
-    assert not np.allclose(centroid_sizes(view.landmarks), view.scales)
-
-
-def test_label_columns_never_hide_the_table_s_own(view, tmp_path):
-    labelled = dataclasses.replace(view, labels={"confidence": ("x",) * 6})
-    table = rows(tmp_path / "shapes.csv") if export(labelled, "csv", tmp_path) else []
-    assert table[0]["label_confidence"] == "x"
-    assert float(table[0]["confidence"]) == view.confidence[0]
 
 
 def test_procrustes_space_is_for_landmarks_only(view, tmp_path):

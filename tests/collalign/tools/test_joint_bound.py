@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize
 
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
@@ -21,7 +20,6 @@ from collalign.tools.certify.rounds import (
 )
 from data_tools.rotations import random_rotation
 from pairwise.branch_and_bound.tilted import prove_tilted
-from pairwise.certificates.verify import gram_bound
 from pairwise.local_search import energies_of
 
 
@@ -114,15 +112,6 @@ def test_brute_force_over_all_maps_finds_nothing_below_the_bound(
     assert least < rounds.energies.at(random_frames(num_shapes, np.random.default_rng(8))).sum()
 
 
-def test_brute_force_finds_the_cheapest_arrangement_without_being_told_of_it():
-    rounds = planted(3, 3, 0.5, group="O", seed=3)
-    found = certified(rounds)
-    told = replace(
-        found, frames=random_frames(3, np.random.default_rng(8)), energy=3.0 * found.energy
-    )
-    assert cheapest_of_all_maps(rounds.energies, told) == pytest.approx(found.energy, rel=0.05)
-
-
 @pytest.mark.parametrize("group", ["SO", "O"])
 def test_no_arrangement_costs_less_than_the_bound(group):
     rounds = planted(4, 8, 0.25, group=group)
@@ -169,56 +158,6 @@ def test_the_energy_of_an_arrangement_is_that_of_its_pairs_and_descent_never_rai
     assert energy <= energies.at(frames).sum()
     assert energy == pytest.approx(energies.at(found).sum())
     assert energies.perturb((found, energy), np.random.default_rng(7), 10)[1] <= energy
-
-
-def test_shares_solve_the_least_squares_problem_of_every_pair():
-    rng = np.random.default_rng(11)
-    edges, first = np.array([[0, 1], [0, 2], [1, 2]]), random_frames(3, rng)
-    master = JointMaster(3, edges, first, rng.random(3), 1.0)
-    for pair, num in enumerate((0, 3, 6)):
-        master.add(pair, random_frames(num, rng), rng.random(num))
-    wanted = 0.5 * rng.standard_normal((3, 3, 3))
-    for _ in range(60):
-        master._improve_shares(wanted)
-    for pair, num in enumerate((1, 4, 7)):
-        points, cost = master._columns[pair, :num].reshape(num, 9), master._energies[pair, :num]
-        goal, weight = wanted[pair].ravel(), master._penalty
-
-        def objective(share, points=points, cost=cost, goal=goal, weight=weight):
-            return float(cost @ share + weight * ((points.T @ share - goal) ** 2).sum())
-
-        reference = minimize(
-            objective,
-            np.full(num, 1.0 / num),
-            bounds=[(0.0, 1.0)] * num,
-            constraints={"type": "eq", "fun": lambda share: share.sum() - 1.0},
-        )
-        found = master._shares[pair, :num]
-        assert found.min() >= 0.0
-        assert master._shares[pair].sum() == pytest.approx(1.0)
-        assert objective(found) <= reference.fun + 1e-5
-        assert objective(np.full(num, 1.0 / num)) >= objective(found)
-
-
-def test_what_the_columns_promise_is_what_the_multipliers_prove_of_them():
-    rng = np.random.default_rng(12)
-    edges, frames = np.array([[0, 1], [0, 2], [1, 2]]), random_frames(3, rng)
-    known = np.array([frames[i].T @ frames[j] for i, j in edges])
-    master = JointMaster(3, edges, known, np.full(3, 0.3), 0.3)
-    columns = [random_frames(5, rng) for _ in range(3)]
-    for pair, some in enumerate(columns):
-        master.add(pair, some, np.linspace(0.05, 0.4, 5))
-    for _ in range(8):
-        promised = master.run()
-    values = [
-        min(0.3 - (tilt * own).sum(), *(np.linspace(0.05, 0.4, 5) - (some * tilt).sum(axis=(1, 2))))
-        for tilt, own, some in zip(master.tilts, known, columns, strict=True)
-    ]
-    assert sum(values) + gram_bound(edges, master.tilts, master.diagonal) == pytest.approx(
-        promised, abs=1e-9
-    )
-    assert 0.15 < promised <= 0.9
-    assert np.linalg.eigvalsh(master.gram).min() > -1e-9
 
 
 def test_too_many_shapes_for_multipliers_are_bounded_pair_by_pair(monkeypatch):

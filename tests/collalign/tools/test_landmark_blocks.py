@@ -16,14 +16,6 @@ from data_tools.rotations import random_rotation
 NAMES = tuple(f"LM{at}" for at in range(1, 13))
 
 
-def test_blocks_are_names_and_ranges():
-    found = read_blocks(["face=LM1..LM3, LM5", "base = lm7,LM9..LM11,LM10"], NAMES)
-    assert found == {"face": [0, 1, 2, 4], "base": [6, 8, 9, 10]}
-    odd = ("a..b", "c", "d", "e", "f", "g")
-    assert read_blocks(["x=a..b,c..d", "y=e,f,g"], odd) == {"x": [0, 1, 2], "y": [3, 4, 5]}
-    assert read_blocks([], ()) == {}
-
-
 @pytest.mark.parametrize(
     ("asked", "said"),
     [

@@ -8,11 +8,9 @@ from collalign.tools.match.on_whole import both_scales, is_closed
 from data_tools.datasets.synthetic import range_view
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
-from data_tools.io.shapes import write_ply
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
-from tests.commands import read_json, run_command
 
 AS_FILED = SamplingOptions(normalisation="none")
 
@@ -44,29 +42,6 @@ def test_depth_images_are_matched_on_what_both_show(views):
     assert chances.sum() <= 1.0 + 1e-9
     assert 0.8 < found.confidence < 1.0
     assert [one["chance"] for one in found.record()["candidates"]] == chances.tolist()
-
-
-def test_a_depth_image_is_matched_on_the_model_of_the_whole(views):
-    _, second, turn, shift, whole = views
-    found = match_in_part(whole, second, sampling=AS_FILED)
-    assert rotation_angle_deg(found.transform[:3, :3] @ turn, np.eye(3)) < 3
-    np.testing.assert_allclose(
-        found.transform[:3, :3] @ shift + found.transform[:3, 3], 0.0, atol=0.1
-    )
-    assert found.poses[0].overlap_source > 0.95
-
-
-def test_another_size_is_searched_where_sizes_say_nothing(views, quick_search):
-    first, second, turn, *_ = views
-    found = match_in_part(first, 0.2 * second)
-    assert (
-        rotation_angle_deg(found.transform[:3, :3] / found.poses[0].pose.scale @ turn, np.eye(3))
-        < 20
-    )
-    assert found.poses[0].pose.scale == pytest.approx(5.0, rel=0.2)
-    kept = match_in_part(first, 0.2 * second, sampling=AS_FILED)
-    assert all(pose.pose.scale == 1.0 for pose in kept.poses)
-    assert kept.confidence < 0.5
 
 
 def test_too_few_points_give_no_pose(rng):
@@ -130,17 +105,3 @@ def test_the_axis_of_a_shaft_is_named_and_its_turns_count_together(is_target):
     assert np.linalg.norm(np.cross(found.free_axis[0], axis)) < 0.03
     assert found.confidence > found.poses[0].chance
     assert set(found.record()["free_axis"]) == {"point", "direction"}
-
-
-def test_a_free_rotation_is_said_and_written(tmp_path):
-    rng = np.random.default_rng(3)
-    shaft = stepped_shaft()
-    write_ply(tmp_path / "shaft.ply", shaft.vertices, shaft.faces)
-    scan = range_view(shaft, np.array([1.0, 0.2, 0.4]), noise=0.002, rng=rng)
-    np.savetxt(tmp_path / "scan.xyz", scan)
-    words = "match", tmp_path / "shaft.ply", tmp_path / "scan.xyz", "--partial"
-    said = run_command(*words, "--sampling.normalisation", "none", "--out", tmp_path / "out")
-    assert "scan may be turned as you like about an axis along" in said.out
-    axis = read_json(tmp_path / "out" / "match.json")["free_axis"]
-    assert abs(axis["direction"][2]) > 0.99
-    assert np.hypot(*axis["point"][:2]) < 0.03

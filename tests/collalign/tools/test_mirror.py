@@ -43,18 +43,6 @@ def test_the_other_side_is_that_of_the_mirror_plane(extra):
     assert np.median(wrong) > 0.5, "the check would notice another plane"
 
 
-def test_a_normal_that_is_given_is_used():
-    own, shape = horned()
-    normal = shape.vertices[own[:, 0].argmax()] - shape.vertices[own[:, 0].argmin()]
-    given = mirror_map(shape, normal=normal)
-    assert np.median(np.linalg.norm(given.on(own) - own * [-1, 1, 1], axis=1)) < 0.06
-    along = shape.vertices[own[:, 1].argmax()] - shape.vertices[own[:, 1].argmin()]
-    other = mirror_map(shape, normal=along)
-    assert np.median(np.linalg.norm(other.on(own) - own * [-1, 1, 1], axis=1)) > 0.3, (
-        "another one is another plane"
-    )
-
-
 def test_what_has_no_other_side_is_refused():
     own, _ = horned()
     shape = Shape.from_arrays(own, sphere_mesh(700)[1], name="horned")

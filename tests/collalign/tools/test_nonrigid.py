@@ -1,20 +1,18 @@
 """Non-rigid matching end to end on a generated near-isometric pair with a known dense map, and its parts."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.spectral_shape import prepare_surface
-from collalign.tools.match.nonrigid import match_prepared, match_shapes, prepare_file
+from collalign.tools.match.nonrigid import match_prepared, match_shapes
 from collalign.tools.match.pictures import match_figure, transferred_colours, vertices_map
 from data_tools.datasets.synthetic import bent, mirrored, point_cloud, shuffled
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.errors import InputError, OptionsError
-from data_tools.io.objects import as_origin
-from data_tools.io.shapes import read_shape, write_mesh
+from data_tools.io.shapes import write_mesh
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
 from experiments.maps.evaluation import MapEvaluator
@@ -58,14 +56,6 @@ def match(files):
     return match_shapes(*files, options=QUICK, surface_options=SMALL)
 
 
-def test_objects_as_open3d_has_them_are_matched_like_files(files, match):
-    shapes = map(read_shape, files)
-    objects = [SimpleNamespace(vertices=one.vertices, triangles=one.faces) for one in shapes]
-    found = match_shapes(*objects, options=QUICK, surface_options=SMALL)
-    np.testing.assert_array_equal(found.point_map_target_source, match.point_map_target_source)
-    assert found.confidence == match.confidence
-
-
 def mean_error(target, images, truth, *, num=100):
     chosen = np.linspace(0, len(truth) - 1, num).astype(int)
     return float(MapEvaluator(target, truth[chosen]).errors(images[chosen]).direct.mean())
@@ -104,19 +94,6 @@ def test_maps_are_written_to_files(tmp_path, match):
         for name in ("source", "target"):
             assert not stored[f"no_counterpart_{name}"].any(), "neither surface is cut"
     assert np.array_equal(np.loadtxt(text, dtype=np.int64), match.point_map_target_source)
-
-
-def test_vertex_indices_are_those_of_the_file(pair, prepared):
-    target = pair[0]
-    away, lost, twice = np.full((3, 3), 99.0), np.full((2, 3), np.nan), target.faces.copy()
-    twice[::2][twice[::2] == 7] = len(target.vertices)
-    vertices = np.vstack([away, target.vertices, target.vertices[7], away, lost])
-    stored = prepare_file(as_origin((vertices, twice + 3), "loose"), SMALL)
-    assert stored.to_original.min() == 3
-    match = match_prepared(prepared[0], stored, QUICK)
-    there, own = match.point_map_target_source, np.r_[np.arange(len(target.vertices)), 7]
-    assert (there[np.r_[:3, -5:0]] == -1).all()
-    assert (there[3:-5] == own).mean() > 0.99
 
 
 def test_poor_meshes_work_or_say_what_to_do(pair, prepared):

@@ -10,7 +10,6 @@ from scipy.spatial import cKDTree
 from collalign.nonrigid.functional_map import FunctionalMap
 from collalign.nonrigid.map_evidence import measure_evidence
 from collalign.nonrigid.map_options import SurfaceOptions
-from collalign.nonrigid.portfolio import of_both_orientations
 from collalign.nonrigid.spectral_shape import (
     outward,
     prepare_surface,
@@ -67,25 +66,6 @@ def test_evidence_of_the_identity_is_perfect_and_of_others_is_not(body, rng):
         measure_evidence(body, body, replace(identity, C_source_target=rotated)).commutativity
         > 0.001
     )
-
-
-def test_both_orientations_are_kept():
-    class Fake:
-        def __init__(self, score, orientation):
-            self.score = score
-            self.evidence = type("E", (), {"orientation": orientation})()
-
-    many = [
-        Fake(0.0, -0.9),
-        Fake(1.0, -0.9),
-        Fake(2.0, -0.9),
-        Fake(3.0, 0.9),
-        Fake(4.0, 0.9),
-        Fake(5.0, 0.1),
-    ]
-    assert [c.score for c in of_both_orientations(many, 4)] == [0.0, 1.0, 3.0, 4.0]
-    assert [c.score for c in of_both_orientations(many[:3], 2)] == [0.0, 1.0]
-    assert [c.score for c in of_both_orientations(many[3:5], 4)] == [3.0, 4.0]
 
 
 def candidate_at(places, images, score):

@@ -17,9 +17,7 @@ from collalign.analysis.procrustes import (
 from collalign.output.members import Members
 from collalign.tools.correspond import DenseCorrespondence
 from collalign.tools.variation.files import write_variation
-from collalign.tools.variation.landmark_blocks import integration_tests
 from collalign.tools.variation.posture import at_mean_posture
-from collalign.tools.variation.repeats import repeat_tests
 from collalign.tools.variation.run import write_surface_variation
 from collalign.tools.variation.shape_model import (
     ShapeTestOptions,
@@ -31,7 +29,6 @@ from collalign.tools.variation.shape_model import (
 from collalign.tools.variation.shape_statistics import shape_tests
 from collalign.tools.variation.surface_variation import (
     SurfaceQuality,
-    group_means,
     mirror_error,
     shared_error_notes,
     signed_offsets,
@@ -77,29 +74,11 @@ def variation():
     return dataclasses.replace(found, quality=quality)
 
 
-def test_one_way_to_differ_is_one_component(variation):
-    assert variation.components.shares[0] > 0.99
-    assert abs(np.corrcoef(variation.components.scores[:, 0], np.arange(8))[0, 1]) > 0.99
-    assert np.isclose(np.sqrt((variation.mean**2).sum(axis=1).mean()), 1, atol=0.01)
-    plus = variation.components.shape_at(0, 1.0)
-    assert np.isclose(
-        np.linalg.norm(plus - variation.mean), np.sqrt(variation.components.variances[0])
-    )
-
-
 def test_offsets_are_positive_outside_and_negative_inside():
     mean, faces = sphere_mesh(300)
     np.testing.assert_allclose(signed_offsets(mean, faces, 1.1 * mean), 0.1, atol=5e-3)
     np.testing.assert_allclose(signed_offsets(mean, faces, 0.8 * mean), -0.2, atol=5e-3)
     np.testing.assert_allclose(signed_offsets(mean, faces[:0], 0.8 * mean), 0.2)
-
-
-def test_group_means_leave_out_the_unlabelled():
-    shapes = np.arange(8.0)[:, None, None] * np.ones((1, 4, 3))
-    means = group_means(shapes, LABELS)
-    assert list(means) == ["flat", "long"]
-    assert means["flat"][0, 0] == 4
-    assert means["long"][0, 0] == 1
 
 
 def test_a_single_surface_is_refused():
@@ -409,38 +388,3 @@ def test_the_page_works_in_a_browser(browser, written, variation, tmp_path):
     with Page(browser, tmp_path / "variation.html") as plain:
         words = plain.page.locator("#specimens p.muted").text_content()
         assert words[-1].isdigit()  # no labels, and nothing before them
-
-
-def test_the_page_shows_sides_and_blocks_where_they_were_compared(browser, variation, tmp_path):
-    """Two shapes each of four specimens, which are two individuals with a left and a right one."""
-    shapes, individuals, ways = variation.shapes, [*"aaaabbbb"], [*"LLRRLLRR"]
-    how = {"permutations": 99, "seed": 0}
-    sides, _ = repeat_tests(shapes, individuals, ways, **how)
-    blocks = {"one": range(5), "two": range(100, 105)}
-    integration, _ = integration_tests(variation.names, shapes, blocks, **how)
-    tests = shape_tests(variation, {})
-    for name, asked in (("plain", {}), ("asked", {**sides, **integration})):
-        write_variation(
-            variation,
-            tmp_path / name,
-            columns={},
-            tests=dataclasses.replace(tests, tables={**tests.tables, **asked}),
-            landmarks=((), np.empty((0, 3))),
-            who=ALL,
-        )
-    page = tmp_path / "asked" / "variation.html"
-    with Page(browser, page, viewport={"width": 400, "height": 800}) as opened:
-        place = opened.page.locator("#statistics")
-        found = {
-            table.locator("caption").text_content(): table.locator("tbody tr").count()
-            for table in place.locator("table").all()
-        }
-        assert found["Procrustes ANOVA of individuals and sides"] == 5
-        assert found["How far measurements are from their mean"] == 4
-        assert found["Integration of every two blocks, by partial least squares"] == 2
-        assert [place.get_by_role("heading", name=name).count() for name in ("Left", "Blocks")] == [
-            *(1, 1)
-        ]
-        assert opened.page.evaluate("document.documentElement.scrollWidth") <= 400
-    with Page(browser, tmp_path / "plain" / "variation.html") as opened:
-        assert opened.page.locator("#statistics table").count() == 1

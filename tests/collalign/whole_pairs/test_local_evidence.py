@@ -5,7 +5,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from collalign.whole_pairs.local_evidence import (
-    NUM_PROPOSED,
     local_evidence,
     proposed_rotations,
     rigid_overlap,
@@ -13,7 +12,6 @@ from collalign.whole_pairs.local_evidence import (
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.embedding import sample_shape
 from data_tools.options import EmbeddingOptions, SamplingOptions
-from data_tools.poses import pose_angle_deg
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
 from tests.products import samples_at
@@ -59,21 +57,6 @@ def test_the_most_that_surfaces_overlap_is_that_of_the_best_rotation_refined(sha
     assert rigid_overlap(shapes[0], shapes[1], np.stack([far, near])) > 0.95
     assert rigid_overlap(shapes[0], shapes[2], (TURN @ MIRROR @ off)[None]) > 0.95
     assert rigid_overlap(shapes[0], samples_at(np.eye(3)), near[None]) == 0.0
-
-
-def test_neighbourhoods_propose_what_is_not_known_yet(shapes):
-    far = (
-        np.eye(3)[None]
-        if pose_angle_deg(TURN, np.eye(3)) > 60
-        else np.diag([1.0, -1.0, -1.0])[None]
-    )
-    proposed = proposed_rotations(shapes[0], shapes[1], "SO", far)
-    assert 1 <= len(proposed) <= NUM_PROPOSED
-    assert pose_angle_deg(proposed, TURN).min() < 2.0
-    known = proposed_rotations(shapes[0], shapes[1], "SO", TURN[None])
-    assert pose_angle_deg(known, TURN).min(initial=180.0) > 10.0
-    mirrored = proposed_rotations(shapes[0], shapes[2], "O", far)
-    assert pose_angle_deg(mirrored @ MIRROR, TURN).min() < 2.0
 
 
 def test_shapes_of_hardly_any_points_say_nothing(shapes):

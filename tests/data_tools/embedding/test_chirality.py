@@ -23,15 +23,6 @@ def blobs():
     return [bumped(base, np.random.default_rng(seed), rms=0.01) for seed in (1, 2)]
 
 
-def test_a_mirror_image_has_the_negative_score(blobs):
-    one, other = blobs
-    scores = scores_of(one, other, mirrored(other))
-    assert scores[0, 1] > 2e-3
-    assert scores[0, 2] == pytest.approx(-scores[0, 1], rel=0.05)
-    np.testing.assert_array_equal(scores, scores.T)
-    assert np.isnan(np.diag(scores)).all()
-
-
 def test_poses_sizes_orders_and_inverted_triangles_change_nothing(blobs, rng):
     one, other = blobs
     usual = scores_of(one, other)[0, 1]

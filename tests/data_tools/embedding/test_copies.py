@@ -8,7 +8,6 @@ from data_tools.datasets.synthetic_shapes import blob, chair
 from data_tools.embedding.copies import find_copies, shape_signature
 from data_tools.notes import Note
 from data_tools.rotations import random_rotation
-from data_tools.surface.cleaning import clean
 from data_tools.surface.shape import Shape
 
 SHAPE = blob(np.random.default_rng(3), num_vertices=500)
@@ -43,41 +42,9 @@ def test_a_copy_in_another_pose_is_found_and_a_mirror_image_is_one(rng, rounded)
     assert found(SHAPE, image, copy) == [("moved", ("s0", "s2")), ("mirrored", ("s0", "s1"))]
 
 
-def test_identical_files_are_called_so(rng):
-    other = blob(np.random.default_rng(4), num_vertices=500)
-    assert found(SHAPE, other, SHAPE, digests=("p", "q", "p")) == [("identical", ("s0", "s2"))]
-    assert found(SHAPE, turned(SHAPE, rng), SHAPE, digests=("p", "q", "p")) == [
-        ("moved", ("s0", "s1", "s2"))
-    ]
-
-
-@pytest.mark.parametrize(("size", "expected"), [(0.3, [("moved", ("s0", "s1"))]), (0.301, [])])
-def test_shapes_with_other_small_components_are_no_copies(rng, size, expected):
-    """Cleaning drops these components."""
-    beside = [np.vstack([SHAPE.vertices, own * SHAPE.vertices + 0.5]) for own in (0.3, size)]
-    faces = np.vstack([SHAPE.faces, SHAPE.faces + len(SHAPE.vertices)])
-    first, second = (Shape.from_arrays(points, faces) for points in beside)
-    assert found(clean(first), clean(turned(second, rng))) == expected
-
-
-def test_clouds_have_copies_too(rng):
-    cloud = Shape.from_arrays(SHAPE.vertices)
-    assert found(cloud, Shape.from_arrays(turned(SHAPE, rng).vertices)) == [("moved", ("s0", "s1"))]
-
-
 def test_specimens_of_one_kind_are_no_copies(rng):
     assert found(*deformed_family(chair(rng, resolution=1), 6, rng, rms=0.005)) == []
     assert found(SHAPE) == []
-
-
-def test_a_mirror_image_of_a_symmetric_surface_is_the_same_or_a_mirror_image(rng):
-    half = SHAPE.vertices * [1.0, 1.0, 1.0]
-    both = Shape.from_arrays(np.vstack([half, half * [-1.0, 1.0, 1.0]]))
-    ((kind, names),) = found(
-        both, Shape.from_arrays(both.vertices @ random_rotation(rng) * [1.0, 1.0, -1.0])
-    )
-    assert kind in ("moved", "mirrored")
-    assert names == ("s0", "s1")
 
 
 def test_a_note_names_copies_and_their_kind():

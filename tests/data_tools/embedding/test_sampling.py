@@ -29,14 +29,6 @@ def test_each_point_is_the_farthest_and_gaps_shrink(metric, rng):
     assert (np.diff(gaps[1:]) <= 1e-12).all()
 
 
-def test_a_prefix_is_a_smaller_sample_and_calls_repeat(rng):
-    shape = blob(rng, num_vertices=300)
-    many = farthest_points(shape, 40)
-    np.testing.assert_array_equal(farthest_points(shape, 15), many[:15])
-    np.testing.assert_array_equal(farthest_points(shape, 40, solver=GeodesicSolver(shape)), many)
-    assert not many.flags.writeable
-
-
 def test_geodesic_samples_survive_bending_better(rng):
     shape = figure()
     common = {"geodesic": 0.0, "euclidean": 0.0}

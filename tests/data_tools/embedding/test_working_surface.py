@@ -1,6 +1,6 @@
 import numpy as np
 
-from data_tools.datasets.synthetic_shapes import blob, chair, crown, sphere_mesh
+from data_tools.datasets.synthetic_shapes import blob, chair, sphere_mesh
 from data_tools.embedding import working_surface
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.notes import Note
@@ -8,14 +8,6 @@ from data_tools.options import SamplingOptions
 from data_tools.surface.shape import Shape
 
 SMALL = SamplingOptions(max_faces=1000)
-
-
-def test_a_small_clean_shape_is_its_own_working_surface(rng):
-    shape = blob(rng, num_vertices=300)
-    surface = WorkingSurface(shape, SMALL)
-    assert surface.shape is shape
-    assert surface.notes == ()
-    np.testing.assert_array_equal(surface.to_original, np.arange(300))
 
 
 def test_decimation_keeps_the_surface_and_maps_to_near_vertices(rng):
@@ -26,16 +18,6 @@ def test_decimation_keeps_the_surface_and_maps_to_near_vertices(rng):
     gap = np.linalg.norm(shape.vertices[surface.to_original] - surface.shape.vertices, axis=1)
     assert gap.max() < 0.1
     assert surface.notes[0].code == "decimated"
-
-
-def test_a_decimated_surface_has_vertices_for_all_samples(rng):
-    shape = blob(rng, num_vertices=3000)
-    surface = WorkingSurface(shape, SamplingOptions(max_faces=1000, num_points=300))
-    assert 2000 < len(surface.shape.faces) <= 2400
-    assert (
-        len(np.unique(surface.to_original[surface.farthest_points(300, "euclidean", seeded=True)]))
-        == 300
-    )
 
 
 def test_clouds_are_thinned(rng, monkeypatch):
@@ -68,15 +50,6 @@ def test_what_is_unusual_is_noted():
     parts = WorkingSurface(two, SMALL)
     assert parts.geodesics.method == "shortest paths"
     assert parts.notes[0].code == "edge-geodesics"
-
-
-def test_open_and_closed():
-    shapes = (
-        crown(num_vertices=300),
-        Shape.from_arrays(*sphere_mesh(100)),
-        Shape.from_arrays(sphere_mesh(100)[0]),
-    )
-    assert [WorkingSurface(shape, SMALL).rim for shape in shapes] == ["open", "closed", "unknown"]
 
 
 def test_spectra_are_as_long_as_the_surface_allows():

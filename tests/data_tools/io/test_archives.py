@@ -66,15 +66,6 @@ def test_an_array_that_is_all_alike_is_no_bomb():
     np.testing.assert_array_equal(load_arrays(archive(labels=labels), "a")["labels"], labels)
 
 
-def test_many_arrays_count_together(monkeypatch):
-    content = archive(a=np.zeros(1000), b=np.zeros(1000))
-    load_arrays(content, "a.npz")
-    monkeypatch.setattr("data_tools.io.source._FREE_BYTES", 0)
-    monkeypatch.setattr("data_tools.io.source._BYTES_PER_BYTE", 10_000 / len(content))
-    with pytest.raises(InputError, match="more than a file of its size"):
-        load_arrays(content, "a.npz")
-
-
 @pytest.mark.parametrize("method", [zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2])
 def test_other_compression_than_that_of_numpy_is_refused(method):
     stream = io.BytesIO()
@@ -82,15 +73,6 @@ def test_other_compression_than_that_of_numpy_is_refused(method):
         made.writestr("a.npy", npy("(2,)", bytes(16)))
     with most_memory(2**20), pytest.raises(InputError, match="save it with"):
         load_arrays(stream.getvalue(), "a.npz")
-
-
-def test_one_array_is_read_as_it_was_written(rng):
-    array = rng.standard_normal((3, 4))
-    stream = io.BytesIO()
-    np.save(stream, array)
-    num = stream.tell()
-    stream.seek(0)
-    np.testing.assert_array_equal(load_array(stream, num, "a.npy"), array)
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from data_tools.errors import InputError
 from data_tools.io.files import (
     existing_file,
     natural_key,
+    read_toml,
     readable_name,
     readable_stem,
     write_atomic,
@@ -67,3 +68,20 @@ def test_existing_file_refuses_missing_folder_and_empty(tmp_path):
     for name, reason in (("missing", "no such file"), ("empty", "empty"), (".", "not a file")):
         with pytest.raises(InputError, match=reason):
             existing_file(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        ("a = ", "not TOML"),
+        ("a = " + "9" * 10_000, "a number in it is too long"),
+        ("a = " + "[" * 100_000, "nested"),
+        ("[" + "a." * 500 + "a]", "nested"),
+    ],
+)
+def test_what_is_no_configuration_is_refused(content, reason, tmp_path):
+    (tmp_path / "good.toml").write_text("[a.b]\nc = [1, 2]\n")
+    assert read_toml(tmp_path / "good.toml") == {"a": {"b": {"c": [1, 2]}}}
+    (tmp_path / "bad.toml").write_text(content)
+    with pytest.raises(InputError, match=reason):
+        read_toml(tmp_path / "bad.toml")

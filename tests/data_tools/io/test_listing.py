@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from data_tools.datasets.synthetic_shapes import blob
-from data_tools.io.listing import parts_of, read_folder, shapes_at
+from data_tools.io.listing import read_folder, shapes_at
 from data_tools.io.objects import list_shapes
 from data_tools.io.shapes import write_mesh
 from data_tools.surface.shape import Shape
@@ -53,18 +53,3 @@ def test_tables_alone_and_beside_clouds_are_clouds(tmp_path):
     assert read_folder(tmp_path).names == ("a", "b", "c", "d", "e")
     (tmp_path / "f.stl").write_text("")
     assert read_folder(tmp_path).names == ("c", "d", "e", "f")
-
-
-def test_tables_in_other_folders_are_beside_meshes_too(folder):
-    (folder / "tables").mkdir()
-    (folder / "tables" / "s0.csv").write_text(TABLE)
-    assert "s0" in read_folder(folder, recursive=True).names
-    assert read_folder(folder / "tables").names == ("s0",)
-
-
-def test_a_table_beside_the_parts_of_a_specimen_is_no_part(folder):
-    (folder / "A").mkdir()
-    for name in ("skull", "jaw"):
-        write_mesh(folder / "A" / f"{name}.ply", blob(np.random.default_rng(0), num_vertices=50))
-    (folder / "A" / "landmarks.csv").write_text(TABLE)
-    assert [*parts_of(folder / "A.*")] == ["jaw", "skull"]

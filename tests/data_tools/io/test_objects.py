@@ -84,17 +84,6 @@ def test_objects_of_open3d_are_read(shape, library, request):
     assert not read(cloud).is_mesh
 
 
-def test_tensors_of_open3d_are_read(shape, open3d):
-    geometry, tensor = open3d.t.geometry, open3d.core.Tensor
-    mesh, cloud = geometry.TriangleMesh(), geometry.PointCloud(tensor(shape.vertices.copy()))
-    mesh.vertex.positions = tensor(shape.vertices.copy())
-    assert not read(mesh).is_mesh
-    mesh.triangle.indices = tensor(shape.faces.copy())
-    for given in (mesh, cloud):
-        np.testing.assert_array_equal(read(given).vertices, shape.vertices)
-    np.testing.assert_array_equal(read(mesh).faces, shape.faces)
-
-
 def test_a_scene_of_trimesh_is_the_mesh_that_it_shows(shape):
     mesh = trimesh.Trimesh(shape.vertices, shape.faces, process=False)
     np.testing.assert_array_equal(read(trimesh.Scene(mesh)).vertices, shape.vertices)

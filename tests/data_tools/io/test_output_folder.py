@@ -78,13 +78,6 @@ def test_a_file_of_somebody_else_is_refused_and_stays(tmp_path, kind):
     assert place.is_symlink() == (kind == "link")
 
 
-def test_a_changed_file_that_is_not_written_any_more_stays(tmp_path):
-    write(tmp_path, {"summary": "1", "report": "1"})
-    (tmp_path / "report").write_text("with my notes")
-    write(tmp_path, {"summary": "2"})
-    assert contents(tmp_path) == {"summary": "2", "report": "with my notes"}
-
-
 @pytest.mark.parametrize("out", ["in", ".", "in/deep", "link", "in/../in"])
 def test_inputs_in_the_folder_or_around_it_are_refused_before_anything_is_made(tmp_path, out):
     (tmp_path / "in").mkdir()
@@ -402,27 +395,6 @@ def test_long_stems_are_cut_and_stay_distinct():
     assert stems[2] == names[2]
 
 
-def test_only_a_complete_run_removes_what_it_wrote_before(tmp_path):
-    write(tmp_path, {"summary": "1", "report": "1"})
-    with OutputFolder.open(tmp_path, writer="test") as output:
-        output.stage("other").write_text("2")
-        output.publish()
-    assert contents(tmp_path) == {"summary": "1", "report": "1", "other": "2"}
-
-
-def test_a_link_in_place_of_a_file_of_ours_is_somebody_elses(tmp_path):
-    out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
-    write(out, {"summary": "1", "report": "1"})
-    elsewhere.write_text("1")
-    (out / "report").unlink()
-    (out / "report").symlink_to(elsewhere)
-    with pytest.raises(InputError, match="Move it away"):
-        write(out, {"summary": "2", "report": "2"})
-    write(out, {"summary": "2"})
-    assert (out / "report").is_symlink()
-    assert elsewhere.read_text() == "1"
-
-
 def test_a_file_where_a_folder_of_results_belongs_is_refused_before_the_work(tmp_path):
     (tmp_path / "meshes").write_text("mine")
     with (
@@ -435,13 +407,6 @@ def test_a_file_where_a_folder_of_results_belongs_is_refused_before_the_work(tmp
 def test_names_that_this_system_cannot_write_are_refused(tmp_path):
     with pytest.raises(InputError, match="cannot be the name of an output in this locale"):
         output_path(tmp_path, "\ud800.ply")
-
-
-def test_a_refused_run_leaves_a_folder_as_it_was(tmp_path):
-    (tmp_path / "summary").write_text("mine")
-    with pytest.raises(InputError, match="Move it away"):
-        write(tmp_path, {"summary": "1"})
-    assert [p.name for p in tmp_path.iterdir()] == ["summary"]
 
 
 @pytest.mark.parametrize("to", ["loop/x", "x/" * 3000])

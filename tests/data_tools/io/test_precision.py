@@ -6,13 +6,11 @@ import pytest
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.io.shapes import (
     WRITABLE,
-    coarse_coordinates,
     coarse_note,
     fits_single,
     read_shape,
     write_mesh,
 )
-from data_tools.notes import Note
 from data_tools.surface.shape import Shape
 
 #: Easting, northing and height of a place on a map, in metres.
@@ -36,18 +34,6 @@ def test_meshes_on_a_map_are_written_without_loss(tmp_path, suffix):
     assert coarse_note(back.vertices) == ()
 
 
-def test_binary_files_are_in_single_precision_where_that_is_enough(tmp_path):
-    for suffix in (".ply", ".stl"):
-        near, far = (
-            write_mesh(tmp_path / f"a{suffix}", shape).read_bytes() for shape in (BLOB, on_map(1.5))
-        )
-        assert len(near) < len(far)
-    tiny = Shape.from_arrays(1e-9 * BLOB.vertices, BLOB.faces)
-    np.testing.assert_allclose(
-        read_shape(write_mesh(tmp_path / "a.obj", tiny)).vertices, tiny.vertices, rtol=1e-12
-    )
-
-
 def test_what_fits_single_precision():
     assert fits_single(BLOB.vertices)
     assert fits_single(BLOB.vertices + 5)
@@ -63,20 +49,3 @@ def test_coarse_steps_are_named_with_what_they_cost(size, share):
     assert note.code == "coarse-steps"
     assert note.values == {"step": 0.5, "share": pytest.approx(share / 100, rel=0.1)}
     assert coarse_note(on_map(size).vertices) == ()
-
-
-def test_fine_steps_are_not_named():
-    assert coarse_note(BLOB.vertices.astype(np.float32).astype(float)) == ()
-    assert coarse_note(on_map(5000.0).vertices.astype(np.float32).astype(float)) == ()
-    grid = np.stack(np.meshgrid(*[np.arange(3.0)] * 3), axis=-1).reshape(-1, 3)
-    assert coarse_note(1e90 * BLOB.vertices) == ()  # beyond single precision
-    assert coarse_note(grid) == ()  # steps of a voxel, near the origin
-
-
-def test_the_shapes_of_a_collection_in_coarse_steps_are_named():
-    note = coarse_note(on_map(1.5).vertices.astype(np.float32).astype(float))
-    merged = Note("duplicates-merged", values={"num": 3})
-    assert coarse_coordinates({"a": (merged, *note), "b": ()}) == (
-        Note("coarse-coordinates", ("a",), {"steps": (0.5,)}),
-    )
-    assert coarse_coordinates({"b": (merged,)}) == ()

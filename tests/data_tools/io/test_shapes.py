@@ -1,14 +1,13 @@
 import dataclasses
 import os
 import re
-import unicodedata
 
 import numpy as np
 import pytest
 
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError, UnavailableError
-from data_tools.io.listing import READERS, hash_shape, read_folder, relative_path, shapes_at
+from data_tools.io.listing import READERS, hash_shape, read_folder, shapes_at
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.notes import Note
 from data_tools.options import AS_STORED, CleaningOptions
@@ -229,20 +228,6 @@ def test_obj_keeps_vertex_order_through_groups_textures_and_negative_indices(tmp
     np.testing.assert_array_equal(shape.faces, [[3, 1, 2], [0, 2, 1], [0, 1, 3], [0, 3, 2]])
 
 
-def test_header_variants_of_off(tmp_path):
-    path = tmp_path / "a.off"
-    for head in (
-        "OFF\n# a comment\n3 1 0\n",
-        "OFF 3 1 0\n",
-        "OFF\n\n3 1 0 # counts\n",
-        "OFF3 1 0\n",
-        "3 1 0\n",
-        "off\r\n3 1\r\n",
-    ):
-        path.write_text(head + TRIANGLE + "3 0 1 2\n")
-        assert read_shape(path).area == pytest.approx(0.5)
-
-
 def test_clouds_come_without_faces(tmp_path, rng):
     cloud = Shape.from_arrays(rng.standard_normal((30, 3)), name="cloud")
     for suffix in (".ply", ".obj"):
@@ -263,33 +248,6 @@ def test_folder_is_listed_in_natural_order_with_distinct_names(tmp_path):
     assert [f.name for f in listing.files] == ["A.obj", "a.off", "b2.ply", "b10.ply"]
     assert listing.names == ("A", "a", "b2", "b10")
     assert [f.name for f in listing.skipped] == ["folder.ply", "notes.md"]
-
-
-@pytest.mark.parametrize(
-    "text", ["specimen,sex,age,mass\nA1,F,3,40.2\n", "id;age;sex\n17;4,5;F\n", "id\tsize\nA1\t3\n"]
-)
-def test_a_table_of_specimens_beside_the_shapes_is_no_shape(tmp_path, text):
-    (tmp_path / "A1.csv").write_text("x,y,z\n0,0,0\n1,0,0\n0,1,0\n0,0,1\n")
-    (tmp_path / "cloud.csv").write_text("label,x,y,z\np,0,0,0\nq,1,0,0\n")
-    (tmp_path / "unclear.csv").write_text("a,b,c,d\n1,2,3,4\n")
-    (tmp_path / "specimens.csv").write_text(text)
-    listing = read_folder(tmp_path)
-    assert listing.names == ("A1", "cloud", "unclear")
-    assert listing.skipped_names == ("specimens.csv",)
-
-
-def test_landmarks_in_pts_files_beside_the_shapes_are_no_shapes(tmp_path):
-    """Landmark Editor calls them like their mesh; point clouds have the same suffix."""
-    (tmp_path / "a.ply").touch()
-    (tmp_path / "a.pts").write_text("Version 1.0\n1\nS000 0 0 0\n", "utf-8-sig")
-    (tmp_path / "b.pts").write_text("2\n0 0 0\n1 2 3\n")
-    for files, skipped in (
-        (listing.files, listing.skipped)
-        for listing in (read_folder(tmp_path), shapes_at(tmp_path / "*"))
-    ):
-        assert [path.name for path in files] == ["a.ply", "b.pts"]
-        assert [path.name for path in skipped] == ["a.pts"]
-    assert read_folder(tmp_path).names == ("a", "b")
 
 
 def test_names_are_readable_whatever_the_files_are_called(tmp_path):
@@ -313,43 +271,6 @@ def test_a_name_does_not_depend_on_what_else_is_in_the_folder(tmp_path):
         assert len(found) == count
         names = {*found}
     assert names == {"desk_00", "setA/desk_00", "setB/desk_00", "setB/old/desk_00"}
-
-
-def test_files_that_only_their_type_tells_apart_keep_their_suffix(tmp_path):
-    for name in ("a.ply", "b.obj", "a.stl", "sub/a.ply"):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).touch()
-    assert read_folder(tmp_path, recursive=True).names == ("a.ply", "a.stl", "b", "sub/a")
-    assert shapes_at(tmp_path / "*.ply").names == ("a",)
-
-
-@pytest.mark.parametrize(
-    ("name", "file", "expected"),
-    [
-        ("setA/desk_00", "/data/setA/desk_00.ply", "setA/desk_00.ply"),
-        ("desk_00", "/data/setA/desk_00.ply", "desk_00.ply"),
-        ("mine", "/data/setA/desk_00.ply", "desk_00.ply"),
-        ("setA/desk.ply", "/data/setA/desk.ply", "setA/desk.ply"),
-        ("A", "/data/A.*", "A.*"),
-        ("shape1", "", ""),
-    ],
-)
-def test_a_relative_path_is_the_name_with_the_suffix(name, file, expected):
-    assert relative_path(name, file) == expected
-
-
-def test_names_that_differ_in_case_or_encoding_alone_stay_short(tmp_path):
-    """On file systems that keep such files apart; names are compared in composed Unicode."""
-    for name in ("Femur.ply", "femur.ply", "b.ply", "a\u0308.stl"):
-        (tmp_path / name).touch()
-    if len(list(tmp_path.iterdir())) < 4:
-        pytest.skip("this file system knows no case")
-    assert sorted(read_folder(tmp_path).names) == ["Femur", "b", "femur", "ä"]
-    assert read_folder(tmp_path).without(["a\u0308", "femur"]).names == ("b", "Femur")
-    (tmp_path / "\u00e4.stl").touch()
-    names = read_folder(tmp_path).names
-    assert len({unicodedata.normalize("NFC", name) for name in names}) == len(names)
-    assert {"Femur", "b", "femur"} < {*names}
 
 
 def test_folder_without_shapes_is_refused(tmp_path):
@@ -433,17 +354,6 @@ def test_a_few_vertices_that_are_not_finite_are_dropped_with_their_triangles(tmp
     np.testing.assert_array_equal(shape.source_indices[shape.faces], whole.faces[~touched])
 
 
-def test_indices_stay_those_of_the_file_when_cleaning_drops_more(tmp_path):
-    path, _ = with_gaps(tmp_path, ".npz", [5])
-    with np.load(path) as arrays:
-        vertices = np.vstack([arrays["vertices"][:1], arrays["vertices"]])
-        np.savez(path, vertices=vertices, faces=arrays["faces"] + 1)
-    shape = read_shape(path)
-    assert len(shape.notes) >= 2
-    assert shape.source_indices is not None
-    np.testing.assert_array_equal(shape.vertices, vertices[shape.source_indices])
-
-
 def test_many_vertices_that_are_not_finite_are_damage(tmp_path):
     path, _ = with_gaps(tmp_path, ".ply", list(range(11)))
     with pytest.raises(InputError, match=r"gaps\.ply: 11 of 200 vertices .* damage"):
@@ -470,24 +380,3 @@ def test_a_file_that_vanishes_is_the_machines_failure(tmp_path, name):
         read_shape(path, digest=digest)
     with pytest.raises(InputError, match=r"no such file|no files of its parts"):
         read_shape(path)
-
-
-def test_a_shape_is_called_by_the_readable_name_of_its_file(tmp_path):
-    path = write_mesh(
-        tmp_path / "a\u202eylp.x.ply", blob(np.random.default_rng(0), num_vertices=60)
-    )
-    assert read_shape(path).name == r"a\u202eylp.x" == read_folder(tmp_path).names[0]
-
-
-@pytest.mark.parametrize("word", ["-nan(ind)", "1.#QNAN", "-1.#IND", "1.#INF"])
-def test_numbers_that_programs_on_windows_could_not_write_are_not_finite(tmp_path, word):
-    shape = blob(np.random.default_rng(3), num_vertices=200)
-    rows = [*shape.vertices.tolist(), [word] * 3]
-    lines = [
-        *(" ".join(map(str, row)) for row in rows),
-        *("3 {} {} {}".format(*face) for face in shape.faces),
-    ]
-    (tmp_path / "a.off").write_text(f"OFF\n201 {len(shape.faces)} 0\n" + "\n".join(lines) + "\n")
-    found = read_shape(tmp_path / "a.off")
-    assert found.area == pytest.approx(shape.area)
-    assert found.notes[0].code == "non-finite-dropped"

@@ -24,14 +24,6 @@ def test_files_are_hashed_by_content(tmp_path):
     assert read_source(tmp_path / "c.ply").digest == digests[2]
 
 
-def test_a_file_that_changes_while_it_is_read_keeps_the_digest_of_what_was_read(tmp_path):
-    path = tmp_path / "a.ply"
-    path.write_bytes(b"before")
-    source, before = read_source(path), hash_source(path)
-    path.write_bytes(b"after")
-    assert source.digest == before != hash_source(path)
-
-
 @pytest.mark.parametrize("size", [0, 664, 10**6, 10**9])
 def test_the_memory_of_a_file_grows_with_its_size_up_to_a_limit(size):
     most = min(64 * 2**20 + 64 * size, MAX_FILE_BYTES)

@@ -45,13 +45,6 @@ def test_a_folder_is_its_users_alone_and_goes_with_its_block(place):
     assert [*place.iterdir()] == []
 
 
-def test_a_folder_that_nobody_closes_goes_with_its_object_and_at_the_latest_with_the_process(place):
-    TemporaryFolder()
-    assert [*place.iterdir()] == []
-    subprocess.run([sys.executable, "-c", MAKE], check=True, capture_output=True)
-    assert [*place.iterdir()] == []
-
-
 def test_what_a_killed_process_left_goes_with_the_next(place):
     left = killed()
     assert (left / "files" / "a" / "b").exists()

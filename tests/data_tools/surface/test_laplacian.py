@@ -1,13 +1,10 @@
 import numpy as np
 import pytest
-from scipy.sparse import csc_array, diags_array
-from scipy.sparse.linalg import splu
 
 from data_tools.datasets.synthetic_shapes import blob, sphere_mesh
 from data_tools.errors import InputError
 from data_tools.surface.laplacian import (
     cotangent_laplacian,
-    factor_symmetric,
     spectrum,
     surface_operators,
     vertex_areas,
@@ -18,15 +15,6 @@ from data_tools.surface.shape import Shape
 @pytest.fixture(scope="module")
 def sphere():
     return Shape.from_arrays(*sphere_mesh(2500), name="sphere")
-
-
-def test_a_symmetric_factor_solves_with_fewer_entries_than_the_usual_one(sphere):
-    operators = surface_operators(sphere)
-    matrix = csc_array(operators.stiffness + diags_array(operators.mass))
-    wanted = np.random.default_rng(0).standard_normal(len(operators.mass))
-    factor = factor_symmetric(matrix)
-    np.testing.assert_allclose(factor.solve(matrix @ wanted), wanted, atol=1e-9)
-    assert factor.L.nnz < 0.7 * splu(matrix).L.nnz
 
 
 def with_fin(shape):
@@ -62,14 +50,6 @@ def test_stiffness_of_one_triangle_is_known():
         operators.stiffness.toarray(), [[1, -0.5, -0.5], [-0.5, 0.5, 0], [-0.5, 0, 0.5]]
     )
     np.testing.assert_allclose(operators.mass, 1 / 6)
-
-
-@pytest.mark.parametrize(("cloud", "tolerance"), [(False, 0.01), (True, 0.05)])
-def test_spectrum_of_the_sphere(sphere, cloud, tolerance):
-    shape = Shape.from_arrays(sphere.vertices) if cloud else sphere
-    eigen = spectrum(surface_operators(shape), 15)
-    exact = 4 * np.pi * np.repeat([2.0, 6.0, 12.0], [3, 5, 7])
-    np.testing.assert_allclose(eigen.values, exact, rtol=tolerance)
 
 
 def test_eigenfunctions_are_orthonormal_signed_and_repeatable(rng):

@@ -5,7 +5,6 @@ import pytest
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
-from data_tools.rotations import rotation_angles
 from pairwise.branch_and_bound.bounds import Cells, Curvature, QuasiBounds
 from pairwise.problem import Problem, chiralities, energy_scale
 from pairwise.rotation_sets import random_rotations
@@ -85,16 +84,6 @@ def test_what_a_mask_forbids_is_not_what_is_bounded():
     assert evaluate(problem, np.eye(3)[None], np.zeros((1, 1, 3)))[0][0] == pytest.approx(best)
 
 
-def test_the_bound_is_no_bound_of_the_energy_in_the_ball():
-    problem = Problem.from_user(*planted_cube(6, 0.3, 1))
-    rng = np.random.default_rng(0)
-    rotations = random_rotations(3, 1000, rng)
-    costs = np.array([least_energy(problem, rotation) for rotation in rotations])
-    found = evaluate(problem, rotations, cubes(0.3, len(rotations)))
-    near = rotation_angles(rotations[:, None], rotations) <= 0.3 / np.sqrt(3.0)
-    assert (found[0] > np.where(near, costs, np.inf).min(axis=1)).any()
-
-
 def test_the_bound_approaches_the_energy_with_the_square_of_the_radius():
     problem = Problem.from_user(*planted_cube(10, 0.02, 1))
     energies = []
@@ -103,18 +92,6 @@ def test_the_bound_approaches_the_energy_with_the_square_of_the_radius():
         found = evaluate(problem, np.eye(3)[None], cubes(radius, 1), least)
         energies.append(least - found[0][0])
     assert energies[0] == pytest.approx(100 * energies[1], rel=0.1)
-
-
-def test_improving_stops_at_the_threshold():
-    problem = Problem.from_user(*planted_cube(20, 0.2, 3))
-    rotations, reach = random_rotations(3, 50, np.random.default_rng(1)), cubes(0.1, 50)
-    full = evaluate(problem, rotations, reach)
-    threshold = float(np.median(full[0]))
-    short = evaluate(problem, rotations, reach, threshold)
-    done = np.isinf(short[3])
-    assert 10 < done.sum() < 40
-    assert (short[0][done] > threshold).all()
-    assert (full[3][~done] >= short[0][~done]).all()
 
 
 def test_cells_that_known_maps_show_to_be_open_are_not_bounded():

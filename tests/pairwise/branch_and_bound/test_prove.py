@@ -1,11 +1,8 @@
 import numpy as np
 import pytest
 
-from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import OptionsError
-from experiments.datasets import read_teeth
 from pairwise.branch_and_bound.prove import _proof, can_certify, prove, searches_of
-from pairwise.certificates.verify import verify_certificate
 from pairwise.problem import Problem, chiralities, energy_scale
 from pairwise.results import Status
 from tests.oracles import brute_force, check_pose
@@ -29,39 +26,6 @@ def test_small_problems_are_proven_and_agree_with_brute_force(seed):
         assert problem.pattern.special_blocks == ()
         worse = [p for mirrored, p in chiralities(problem) if mirrored != pose.reflected]
         assert brute_force(worse[0]).energy > pose.energy
-
-
-@pytest.mark.parametrize("at_origin", ["target", "source"])
-def test_points_that_all_lie_at_the_origin_have_a_true_bound(at_origin, rng):
-    points = {"target": rng.random((4, 3)), "source": rng.random((3, 3))}
-    points[at_origin] *= 0.0
-    problem = Problem.from_user(**points)
-    proof = prove(problem, time_limit_s=0.3, record=True)
-    optimum = brute_force(problem).energy
-    assert 0.0 < proof.lower_bound <= optimum * (1 + 1e-12)
-    assert verify_certificate(*points.values(), proof.certificate) <= optimum
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_points_with_a_single_candidate_do_not_spoil_the_potentials(seed):
-    rng = np.random.default_rng(seed)
-    target, source = rng.random((2, 5, 3))
-    target[:2], source[:1] = 0.0, 0.0
-    allowed = (rng.random((5, 5)) < 0.4) | np.eye(5, dtype=bool)
-    proof = prove(Problem.from_user(target, source, allowed=allowed), time_limit_s=600)
-    assert proof.status is Status.PROVEN_OPTIMAL
-    assert proof.num_cells < 20000
-
-
-def test_mirror_decisions_are_proven_only_where_there_is_one():
-    target, source = planted_cube(10, 0.05, 4)
-    chiral = prove(Problem.from_user(target, -source, group="O"))
-    assert chiral.candidate.reflected
-    assert chiral.is_chirality_proven
-    assert chiral.proper_bound > chiral.candidate.energy
-    flat = target * [1.0, 1.0, 0.0]
-    assert not prove(Problem.from_user(flat, flat[::-1], group="O")).is_chirality_proven
-    assert not prove(Problem.from_user(target, source)).is_chirality_proven
 
 
 def test_a_proof_needs_both_chiralities_and_a_mirror_decision_the_whole_energy():
@@ -93,13 +57,6 @@ def test_a_proof_needs_both_chiralities_and_a_mirror_decision_the_whole_energy()
         assert (proof.proper_bound, proof.reflected_bound) == pytest.approx(tuple(bounds * best))
 
 
-def test_noisy_problem_of_twenty_points_is_proven():
-    problem = Problem.from_user(*planted_cube(20, 0.1, 0))
-    proof = prove(problem, tol=1e-3, time_limit_s=600)
-    assert proof.status is Status.PROVEN_OPTIMAL
-    assert (1 - 1e-3) * proof.candidate.energy - 1e-8 <= proof.lower_bound <= proof.candidate.energy
-
-
 def test_known_poses_are_used_and_the_time_limit_keeps_bounds_valid():
     problem = Problem.from_user(*planted_cube(16, 0.3, 2))
     full = prove(problem)
@@ -107,21 +64,6 @@ def test_known_poses_are_used_and_the_time_limit_keeps_bounds_valid():
     assert short.status is Status.TIME_LIMIT
     assert short.candidate.energy <= full.candidate.energy * (1 + 1e-9)
     assert 0.0 <= short.lower_bound < (1 - 1e-3) * full.candidate.energy
-
-
-@pytest.mark.data
-def test_a_pair_of_teeth_is_proven_with_its_chirality(shared_data):
-    teeth = read_teeth(shared_data / "teeth_pnas116")
-    left, right = (int(np.flatnonzero(teeth.chirality == side)[0]) for side in (1, -1))
-    clouds = []
-    for index in (left, right):
-        shape = teeth.shape(index)
-        points = shape.vertices[farthest_points(shape, 16, metric="euclidean")]
-        points = points - points.mean(axis=0)
-        clouds.append(points / np.linalg.norm(points))
-    proof = prove(Problem.from_user(*clouds, group="O"), time_limit_s=600)
-    assert proof.status is Status.PROVEN_OPTIMAL
-    assert proof.is_chirality_proven
 
 
 def test_what_cannot_be_certified_is_refused():

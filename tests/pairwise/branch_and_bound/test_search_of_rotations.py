@@ -65,14 +65,3 @@ def test_settled_and_collected_cells_keep_their_bounds():
     assert search.bound == bounds[0]
     search._open.bounds[:] = 5.0 * energy
     assert search.bound == bounds[3]
-
-
-def test_poses_up_to_a_factor_are_collected_in_small_cells():
-    search = started()
-    search.collect(1.5, 4.0)
-    bounds = search.energy * np.array([1.45, 0.5, 1.6, 1.0])
-    search._open.bounds[:] = bounds
-    search._settle(search.energy)
-    assert not len(search._open.bounds)
-    np.testing.assert_array_equal(search.collected(search.energy).bounds, bounds[[0, 1, 3]])
-    assert search.bound == bounds[1]

@@ -55,12 +55,3 @@ def test_the_bound_lies_within_the_gap_below_the_least_value_of_brute_force(seed
     values = found.energies - (tilt * found.rotations).sum(axis=(1, 2))
     assert values.min() <= least + 1.01e-3 * scale
     assert found.energies == pytest.approx(least_energies(problem, found.rotations))
-
-
-def test_the_oracle_finds_less_where_the_tilt_favours_a_rotation():
-    problem, tilt = tilted_problem(3)
-    assert least_tilted(problem, 0.0 * tilt) == pytest.approx(brute_force(problem).energy)
-    favoured = brute_force(problem).rotation
-    assert least_tilted(problem, favoured) == pytest.approx(
-        brute_force(problem).energy - problem.dim
-    )

@@ -10,12 +10,10 @@ from data_tools.local_surface import LocalSurface
 from data_tools.poses import Similarity, pose_angle_deg
 from data_tools.rotations import random_rotation
 from pairwise.features.poses import (
-    MOST_MATCHES,
     _compatible,
     consensus_poses,
     feature_distances,
     match_features,
-    poses_apart,
     refine_on_planes,
     rotations_by,
 )
@@ -69,43 +67,10 @@ def test_each_point_is_matched_with_its_two_nearest_descriptors_both_ways(rng):
     assert {*zip(to.tolist(), of.tolist(), strict=True)} == wanted
 
 
-def test_of_many_matches_the_most_telling_ones_are_kept(rng):
-    distances = rng.uniform(0.9, 1.1, (900, 900)).astype(np.float32)
-    telling = rng.permutation(900)[:100]
-    distances[telling, telling] = 0.1
-    to, of = match_features(distances)
-    assert len(to) == MOST_MATCHES
-    assert {*telling.tolist()} <= {*to[to == of].tolist()}
-
-
-@pytest.mark.parametrize("far", [1.0, 1e9])
-def test_matches_of_which_half_are_right_give_the_pose(surface, rng, far):
-    rotation, shift = random_rotation(rng), far * np.array([0.4, -0.2, 1.0])
-    source = placed(surface, rotation, shift)
-    to = of = np.arange(0, len(surface.points), 3)
-    wrong = np.concatenate([of[: len(of) // 2], rng.permutation(of[len(of) // 2 :])])
-    rotations, shifts = consensus_poses(surface, source, (to, wrong), 3)
-    assert pose_angle_deg(rotations[0], rotation) < 8.0
-    gaps = source.points @ rotations[0].T + shifts[0] - surface.points
-    assert np.linalg.norm(gaps.mean(axis=0)) < 2.0 * CELL
-    assert len(rotations) <= 3
-    np.testing.assert_allclose(np.linalg.det(rotations), 1.0)
-
-
 def test_matches_that_hardly_any_others_support_give_no_pose(surface):
     two = np.array([0, len(surface.points) - 1])
     rotations, shifts = consensus_poses(surface, surface, (two, two), 3)
     assert (rotations.shape, shifts.shape) == ((0, 3, 3), (0, 3))
-
-
-def test_refinement_removes_some_degrees_and_cells(surface, rng):
-    rotation, shift = random_rotation(rng), np.array([0.4, -0.2, 1.0])
-    source = placed(surface, rotation, shift)
-    starts = Rotation.from_rotvec(np.deg2rad(6.0) * np.eye(3)).as_matrix() @ rotation
-    first = Similarity.rigid(starts, shift + 0.7 * CELL * np.eye(3))
-    found = refine_on_planes(surface, source, first)
-    assert pose_angle_deg(found.rotation, rotation).max() < 0.2
-    assert np.linalg.norm(found.shift - shift, axis=1).max() < 0.02 * CELL
 
 
 def test_refinement_finds_the_scale_within_its_range(surface, rng):
@@ -120,22 +85,6 @@ def test_refinement_finds_the_scale_within_its_range(surface, rng):
     assert pose_angle_deg(found.rotation, rotation).max() < 0.5
     np.testing.assert_allclose(found.scale, 1.0, atol=0.01)
     assert refine_on_planes(surface, source, first, scale_range=(0.5, 0.9)).scale.max() <= 0.9
-
-
-def test_surfaces_that_are_far_apart_stay_where_they_are(surface):
-    far = Similarity.rigid(np.eye(3)[None], np.array([[50.0, 0.0, 0.0]]))
-    found = refine_on_planes(surface, surface, far)
-    np.testing.assert_allclose(found.rotation, far.rotation)
-    np.testing.assert_allclose(found.shift, far.shift)
-
-
-def test_poses_that_differ_little_in_rotation_and_place_are_one(surface):
-    rotations = rotations_by(np.deg2rad([[0.0, 0, 0], [10.0, 0, 0], [40.0, 0, 0], [0.0, 0, 0]]))
-    shifts = surface.points.mean(axis=0) - rotations @ surface.points.mean(axis=0)
-    shifts[3] += 7.0 * CELL
-    scores = np.array([0.5, 0.4, 0.9, 0.1])
-    assert poses_apart(rotations, shifts, scores, surface, CELL, 9) == [2, 0, 3]
-    assert poses_apart(rotations, shifts, scores, surface, CELL, 1) == [2]
 
 
 def test_rotations_by_vectors_are_those_of_scipy(rng):

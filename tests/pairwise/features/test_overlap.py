@@ -16,7 +16,6 @@ from pairwise import evaluate_poses, match_overlapping
 from pairwise.features.overlap import closeness
 
 TURN, SHIFT = random_rotation(np.random.default_rng(9)), np.array([2.0, -1.0, 0.5])
-MIRROR = np.diag([1.0, -1.0, 1.0])
 
 
 @pytest.fixture(scope="module")
@@ -58,31 +57,6 @@ def test_the_same_surfaces_have_the_same_poses_to_the_bit(views):
         np.testing.assert_array_equal(first, second)
 
 
-def test_a_mirror_image_is_found_where_it_may_be_one(views):
-    target, source = views
-    mirrored = LocalSurface.from_user(source.points @ MIRROR, source.normals @ MIRROR, source.cell)
-    found = match_overlapping(target, mirrored, group="O")
-    assert np.linalg.det(found.rotations[0]) < 0
-    assert pose_angle_deg(found.rotations[0] @ MIRROR, TURN) < 1.5
-    assert np.linalg.norm(found.shifts[0] - SHIFT) < target.cell
-    own, plain = (
-        match_overlapping(target, other, group=group)
-        for other, group in ((mirrored, "SO"), (source, "O"))
-    )
-    assert (np.linalg.det(own.rotations) > 0).all()
-    assert own.consensus[0] < 0.6 * found.consensus[0]
-    assert np.linalg.det(plain.rotations[0]) > 0
-    assert plain.consensus[0] == pytest.approx(found.consensus[0], rel=0.1)
-
-
-def test_few_points_give_no_poses_or_poses_that_nothing_speaks_for(views):
-    few = LocalSurface.from_user(views[1].points[:6], views[1].normals[:6], views[1].cell)
-    found = match_overlapping(views[0], few)
-    assert found.rotations.shape == (len(found), 3, 3)
-    assert np.isfinite(found.mismatch).all()
-    assert (found.overlap < 0.3).all()
-
-
 def test_groups_are_checked(views):
     with pytest.raises(OptionsError, match="group"):
         match_overlapping(*views, group="U")
@@ -101,19 +75,6 @@ def test_the_true_pose_is_judged_better_than_wrong_ones(views, rng):
     chosen = found[[2, 0]]
     np.testing.assert_array_equal(chosen.mismatch, found.mismatch[[2, 0]])
     np.testing.assert_array_equal(chosen.overlaps, found.overlaps[[2, 0]])
-
-
-def test_a_mirror_image_is_judged_as_the_mirrored_surface(views):
-    target, source = views
-    mirrored = LocalSurface.from_user(source.points @ MIRROR, source.normals @ MIRROR, source.cell)
-    plain = evaluate_poses(target, source, TURN[None], SHIFT[None])
-    both = evaluate_poses(
-        target, mirrored, np.stack([TURN @ MIRROR, TURN]), np.stack([SHIFT, SHIFT])
-    )
-    assert both.overlaps[0] == pytest.approx(plain.overlaps[0], abs=1e-3)
-    assert both.mismatch[0] == pytest.approx(plain.mismatch[0], abs=1e-3)
-    assert both.consensus[0] == pytest.approx(plain.consensus[0], abs=0.02)
-    assert both.mismatch[1] > both.mismatch[0] + 0.1
 
 
 def test_overlaps_are_the_shares_of_both_surfaces(sphere):

@@ -8,10 +8,10 @@ from data_tools.datasets.synthetic import range_view
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.surface_points import centre_and_radius, surface_cells
 from data_tools.rotations import random_rotation
-from data_tools.sight import DepthImage, place_of_sight
+from data_tools.sight import place_of_sight
 from data_tools.surface.shape import Shape
 from experiments.generated.rooms import depth_frames, room, way_round
-from pairwise.features.depth_images import MOST_BESIDE, conflict, sight_conflicts
+from pairwise.features.depth_images import sight_conflicts
 from pairwise.features.overlap import evaluate_poses
 
 SIGHTS = (
@@ -66,32 +66,6 @@ def test_nothing_is_in_front_at_the_right_pose_and_much_at_a_wrong_one(views):
     far, all_beside = sight_conflicts(target, source, np.eye(3)[None], np.full((1, 3), 50.0))
     assert far.max() == 0.0
     assert all_beside.min() == 1.0
-
-
-def test_a_board_that_shows_its_edge_is_not_in_front():
-    x, y = (grid.ravel() for grid in np.mgrid[-1:1:60j, -1:1:60j])
-    dome = np.stack([x, y, 0.6 - 0.6 * (x**2 + y**2)], axis=1)
-    board = np.stack([x, np.zeros_like(x), 1.5 + y], axis=1)
-    image = DepthImage.along(np.array([0.0, 0.0, 1.0]), dome, 0.1)
-    ends = np.tile([[0.0, 1.0, 0.0]], (len(board), 1))
-    assert image.conflicts(board[None], ends[None])[0, 0] == 0.0
-    facing = np.tile([[0.0, 0.6, -0.8]], (len(board), 1))
-    assert image.conflicts(board[None], facing[None])[0, 0] > 0.9
-
-
-def test_conflicts_grow_with_both_shares_but_what_is_beside_counts_only_so_far():
-    none, front, beside, both = conflict(
-        np.array([[0.0, 0.0], [0.1, 0.0], [0.0, 0.0], [0.1, 0.0]]),
-        np.array([[0.0, 0.0], [0.0, 0.0], [0.0, 0.02], [0.0, 0.02]]),
-    )
-    assert none == 0.0
-    assert 0.0 < beside < front < both
-    unknown, most, more = conflict(
-        np.array([[0.0, np.nan], [0.0, 0.0], [0.0, 0.0]]),
-        np.array([[0.0, np.nan], [0.0, MOST_BESIDE], [0.0, 0.9]]),
-    )
-    assert unknown == 0.0
-    assert most == more
 
 
 def test_only_what_was_seen_from_one_direction_contradicts(whole, views):

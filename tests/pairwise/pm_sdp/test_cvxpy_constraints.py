@@ -7,7 +7,6 @@ from pairwise.pm_sdp.cvxpy_constraints import (
     cross_product_equations,
     independent_equations,
     orthogonality_equations,
-    quaternion_moments,
 )
 from pairwise.pm_sdp.lifted_rotation import LiftedRotation
 from pairwise.rotation_pattern import RotationPattern
@@ -67,10 +66,3 @@ def test_a_reflection_is_no_cross_product(rng):
     pattern = RotationPattern.from_user(None, 3, "SO")
     equations, basis = equations_of(pattern, cross_products=True)
     assert np.abs(misses(equations, basis, pattern, -random_rotation(rng, 3))).max() > 0.1
-
-
-def test_quaternion_moments_are_those_of_a_unit_quaternion(rng):
-    moments = 0.25 * np.array(quaternion_moments(random_rotation(rng, 3)))
-    np.testing.assert_allclose(np.linalg.eigvalsh(moments), [0.0, 0.0, 0.0, 1.0], atol=1e-12)
-    outside = 0.25 * np.array(quaternion_moments(-random_rotation(rng, 3)))
-    assert np.linalg.eigvalsh(outside)[0] < -0.1

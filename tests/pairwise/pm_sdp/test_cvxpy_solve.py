@@ -14,7 +14,6 @@ from pairwise.problem import Problem, with_unmatched
 from pairwise.relaxations import solve_pm_sdp
 from pairwise.results import Status
 from tests.oracles import brute_force, check_relaxation
-from tests.problems import planted
 
 #: Matches of which some are in no assignment: points 0 and 1 share targets 0 and 1.
 FORCED = np.array(
@@ -33,23 +32,23 @@ def noisy(seed, num_target, num_source, dim=3, **arguments):
 def kinds():
     """Every kind of problem with the options of the relaxation, by name."""
     rng = np.random.default_rng(0)
-    mask = rng.random((7, 5)) < 0.5
-    mask[np.arange(5), np.arange(5)] = True
-    described = rng.random((6, 2)), rng.random((6, 2))
+    mask = rng.random((5, 4)) < 0.5
+    mask[np.arange(4), np.arange(4)] = True
+    described = rng.random((4, 2)), rng.random((4, 2))
     return {
-        "as published": (noisy(1, 6, 6), {"row_sums": False}),
-        "row sums": (noisy(2, 6, 6), {}),
-        "cross products": (noisy(3, 6, 6), {"cross_products": True}),
-        "O": (noisy(4, 6, 6, group="O"), {"row_sums": False}),
-        "fewer source points": (noisy(5, 7, 4), {}),
-        "allowed": (noisy(6, 7, 5, allowed=mask), {}),
+        "as published": (noisy(1, 5, 5), {"row_sums": False}),
+        "row sums": (noisy(2, 4, 4), {}),
+        "cross products": (noisy(3, 4, 4), {"cross_products": True}),
+        "O": (noisy(4, 4, 4, group="O"), {"row_sums": False}),
+        "fewer source points": (noisy(5, 5, 3), {}),
+        "allowed": (noisy(6, 5, 4, allowed=mask), {}),
         "forced": (noisy(7, 5, 4, allowed=FORCED), {}),
-        "weights": (noisy(8, 6, 5, weights=rng.random(5) + 0.2), {"cross_products": True}),
-        "invariants": (noisy(9, 6, 6, invariants=described), {}),
-        "plane": (noisy(10, 6, 6, 2), {"row_sums": False}),
+        "weights": (noisy(8, 5, 4, weights=rng.random(4) + 0.2), {"cross_products": True}),
+        "invariants": (noisy(9, 4, 4, invariants=described), {}),
+        "plane": (noisy(10, 5, 5, 2), {"row_sums": False}),
         "blocks": (noisy(11, 5, 5, 5, rotation_pattern=[3, 2]), {"row_sums": False}),
         "band": (noisy(12, 5, 5, 4, rotation_pattern=1, group="O"), {"row_sums": False}),
-        "unmatched points": (with_unmatched(noisy(13, 6, 5), 0.1), {}),
+        "unmatched points": (with_unmatched(noisy(13, 5, 4), 0.1), {}),
     }
 
 
@@ -63,7 +62,7 @@ def built_in():
 
 
 #: Kinds whose cones and equations SCS is given as well, which takes longer.
-WITH_SCS = ("as published", "fewer source points", "weights", "unmatched points")
+WITH_SCS = ("fewer source points", "unmatched points")
 
 
 @pytest.mark.parametrize(
@@ -106,21 +105,6 @@ def test_the_value_that_a_solver_claims_is_not_the_bound():
     assert abs(rough.value - best.value) > 1e-6
 
 
-@pytest.mark.parametrize("factor", [0.5, 1.5, -1.0])
-def test_wrong_multipliers_prove_less_and_never_too_much(factor, monkeypatch):
-    problem = noisy(22, 5, 5)
-    best = solve_pm_sdp(problem, solver="clarabel").lower_bound
-    found = cvxpy_solve._dual_values
-
-    def wrong(model):
-        F, u, g, Y = found(model)
-        return factor * F, factor * u, -g, factor * Y
-
-    monkeypatch.setattr(cvxpy_solve, "_dual_values", wrong)
-    worse = solve_pm_sdp(problem, solver="clarabel").lower_bound
-    assert worse < best - 1e-3
-
-
 def test_limits_are_statuses():
     problem = noisy(23, 6, 6)
     few = solve_pm_sdp(problem, solver="scs", tol=1e-9, max_iterations=50)
@@ -158,18 +142,6 @@ def test_other_errors_are_not_hidden(monkeypatch):
     )
     with pytest.raises(KeyboardInterrupt):
         solve_pm_sdp(noisy(24, 4, 4), solver="scs")
-
-
-@pytest.mark.parametrize("solver", ["clarabel", "scs"])
-def test_match_takes_the_solver(solver, rng):
-    problem = planted(rng, rng.random((6, 3)), noise=0.05)
-    plain, other = (
-        match(problem.target, problem.source, strategy="relaxation", solver=name, seed=1)
-        for name in ("built-in", solver)
-    )
-    assert other.energy == pytest.approx(plain.energy, rel=1e-9)
-    assert other.lower_bound == pytest.approx(plain.lower_bound, rel=2e-3)
-    assert f"({solver})" in other.log[0]
 
 
 @pytest.mark.parametrize("package", ["cvxpy", "scs"])

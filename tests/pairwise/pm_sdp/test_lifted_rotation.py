@@ -38,17 +38,6 @@ def test_equations_hold_for_rotations_and_not_for_others(rng, sizes, cross):
         assert violation(random_rotation(rng, sizes[0], reflected=True)) > 1e-3
 
 
-@pytest.mark.parametrize(("pattern", "dim"), [(None, 3), (1, 5), ([3, 2], 5), (0, 4)])
-def test_interior_moments_satisfy_the_equations(pattern, dim):
-    lifted = LiftedRotation.build(
-        RotationPattern.from_user(pattern, dim, "SO"), cross_products=True
-    )
-    moments = np.eye(lifted.num_variables + 1)
-    moments[1:, 1:] = lifted.interior_moments
-    assert np.linalg.eigvalsh(moments)[0] > 0
-    assert np.abs(np.einsum("mab,ab->m", lifted.equations, moments)).max() < 1e-10
-
-
 def brute_support(allowed):
     from tests.oracles import injective_maps
 

@@ -92,23 +92,6 @@ def test_longest_steps_keep_the_share_and_no_longer_ones_do(point, stretch):
     assert stretch != 0.01 or min(sizes) == 1.0
 
 
-@pytest.mark.parametrize("case", [0, 1, 2, 3])
-@pytest.mark.parametrize("crossed", [False, True])
-def test_the_first_point_satisfies_the_equations_of_rotations(case, crossed):
-    data = RelaxationData.from_problem(problem_of(case), cross_products=crossed)
-    start = _InteriorPoint(data, 1e-6, 100, None)
-    primal = start.primal
-    moments = np.block([[np.ones((1, 1)), primal.R[None]], [primal.R[:, None], primal.C]])
-    np.testing.assert_allclose(
-        np.einsum("mab,ab->m", start.data.lifted.equations, moments), 0.0, atol=1e-9
-    )
-    if not crossed:  # what their equations move R by, the first steps make up for
-        np.testing.assert_allclose(
-            primal.B.sum(axis=1), np.tile(primal.R, (len(primal.B), 1)), atol=1e-9
-        )
-    np.testing.assert_allclose(primal.x.sum(axis=1), 1.0)
-
-
 def test_factors_of_cauchy_matrices_are_exact_and_short():
     values = np.logspace(-3.0, 0.0, 79)
     sizes, factor = np.sqrt(2.0 * values)[:, None], cauchy_factors(values[None])[0]

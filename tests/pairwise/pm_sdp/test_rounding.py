@@ -1,11 +1,10 @@
 """Rounding: the four starts of appendix A with the right signs, and draws that keep several poses apart."""
 
 import numpy as np
-import pytest
 
 from data_tools.rotations import rotation_angles
 from pairwise.local_search import minimise
-from pairwise.pm_sdp.rounding import appendix_starts, draw_rotations, nearest_map, rank_one_factors
+from pairwise.pm_sdp.rounding import draw_rotations, nearest_map, rank_one_factors
 from pairwise.problem import Problem
 from pairwise.results import RelaxationResult, Status
 from pairwise.rotation_sets import random_rotations
@@ -34,14 +33,6 @@ def planted_pose(rng, dim=3, num=10):
     points = rng.random((num, dim)) - 0.5
     turn, point_map = random_rotations(dim, 1, rng)[0], rng.permutation(num)
     return Problem.from_user(points, points[point_map] @ turn), turn, point_map
-
-
-@pytest.mark.parametrize("dim", [2, 3, 5])
-def test_all_four_starts_are_the_pose_where_the_relaxation_is_exact(rng, dim):
-    problem, turn, point_map = planted_pose(rng, dim)
-    exact = mixture(problem, turn[None], point_map[None])
-    starts = problem.pattern.project(appendix_starts(problem, exact))
-    np.testing.assert_allclose(starts, np.broadcast_to(turn, starts.shape), atol=1e-9)
 
 
 def test_the_sign_of_the_rank_one_factors_is_that_of_probabilities(rng):

@@ -94,27 +94,6 @@ class Scene:
         return read_gltf(Source(Path("a.glb"), self.glb()))
 
 
-@pytest.mark.parametrize("kind", ["i1", "u1", "i2", "u2"])
-@pytest.mark.parametrize("normalized", [False, True])
-def test_positions_are_integers_under_a_node_that_scales(kind, normalized):
-    scene, most = Scene(), np.iinfo(kind).max
-    low, size = MESH.vertices.min(axis=0), np.ptp(MESH.vertices, axis=0).max()
-    fractions = (
-        (MESH.vertices - low) / size * 2 - 1 if kind[0] == "i" else (MESH.vertices - low) / size
-    )
-    stored = np.round(fractions * most).astype(kind)
-    positions = scene.accessor(stored, stride=4 * stored.itemsize, normalized=normalized)
-    indices = scene.accessor(MESH.faces.astype("<u4").ravel())
-    unit = size / (2 if kind[0] == "i" else 1)
-    shift = low + (unit if kind[0] == "i" else 0.0)
-    mesh = scene.mesh({"attributes": {"POSITION": positions}, "indices": indices})
-    scale = unit / (1 if normalized else most)
-    scene.node(mesh=mesh, scale=[scale] * 3, translation=shift.tolist())
-    found = scene.read()
-    np.testing.assert_allclose(found.vertices, MESH.vertices, atol=size / most)
-    np.testing.assert_array_equal(found.faces, MESH.faces)
-
-
 def test_the_least_normalised_integer_is_minus_one():
     scene = Scene()
     stored = np.array([[-128, -127, 127], [0, 1, 2], [3, 4, 5]], dtype="i1")
@@ -416,14 +395,3 @@ def test_instances_cannot_ask_for_any_memory():
         scene.node(mesh=mesh)
     with pytest.raises(InputError, match="fewer copies of its meshes"):
         scene.read()
-
-
-def test_draco_with_plain_numbers_beside_it_is_read():
-    scene = Scene()
-    primitive = scene.plain()
-    scene.node(
-        mesh=scene.mesh(
-            primitive | {"extensions": {"KHR_draco_mesh_compression": {"bufferView": 0}}}
-        )
-    )
-    np.testing.assert_array_equal(scene.read().faces, MESH.faces)

@@ -9,9 +9,7 @@ import pytest
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
 from data_tools.io.formats.obj_off_stl import read_obj, read_stl
-from data_tools.io.formats.raw_shape import not_kept
 from data_tools.io.source import Source
-from data_tools.notes import Note
 
 TRIANGLES = blob(np.random.default_rng(3), num_vertices=60)
 CORNERS = TRIANGLES.vertices[TRIANGLES.faces].astype(np.float32)
@@ -78,13 +76,6 @@ def test_variants_are_the_same_surface(content):
     np.testing.assert_array_equal(found.faces, np.arange(3 * NUM).reshape(-1, 3))
 
 
-def test_what_is_odd_is_said():
-    assert read(binary(tail=b"\0" * 7)).notes == (Note("bytes-ignored", values={"num": 7}),)
-    assert read(text(end="")).notes == (Note("no-endsolid"),)
-    assert read(binary(head=b"COLOR=abcd")).notes == not_kept(["colours"])
-    assert read(binary()).notes == read(text()).notes == ()
-
-
 @pytest.mark.parametrize(
     ("content", "reason"),
     [
@@ -110,12 +101,6 @@ def test_what_is_cut_off_is_refused(content, reason):
 
 #: Two triangles, as OBJ.
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 3 4\n"
-
-
-@pytest.mark.parametrize("edges", ["f 1 3\n", "f 1/1 3/1\nf 2\n"])
-def test_edges_that_are_written_as_faces_are_left_out(edges):
-    found = read_obj(Source(Path("a.obj"), (SQUARE + edges).encode()))
-    np.testing.assert_array_equal(found.faces, [[0, 1, 2], [0, 2, 3]])
 
 
 def test_a_last_face_that_breaks_off_is_refused():

@@ -106,19 +106,6 @@ def test_repetitions_of_lzf_are_undone():
     np.testing.assert_array_equal(found.vertices, expected)
 
 
-@pytest.mark.parametrize("options", [{"write_ascii": True}, {}, {"compressed": True}])
-def test_files_of_open3d_are_read(tmp_path, options, open3d):
-    cloud = open3d.geometry.PointCloud(
-        open3d.utility.Vector3dVector(np.vstack([POINTS, np.tile(POINTS[:1], (500, 1))]))
-    )
-    path = str(tmp_path / "a.pcd")
-    assert open3d.io.write_point_cloud(path, cloud, **options)
-    again = np.asarray(open3d.io.read_point_cloud(path).points)
-    found = read(Path(path).read_bytes())
-    np.testing.assert_allclose(found.vertices, again, atol=1e-6)
-    np.testing.assert_allclose(found.vertices[:50], POINTS, atol=1e-5)
-
-
 def test_points_that_a_camera_did_not_see_are_left_out_and_numbers_stay_those_of_the_file(tmp_path):
     gaps = POINTS.astype("<f4")
     gaps[[0, 7, 30]] = np.nan

@@ -94,25 +94,6 @@ def test_triangle_strips_are_surfaces(mesh, order, kind, again):
     )
 
 
-@pytest.mark.parametrize("newline", ["\n", "\r\n", "\r"])
-def test_comments_are_in_any_encoding_and_lines_end_in_any_way(mesh, newline):
-    elements = [("vertex", 60, XYZ), ("face", len(mesh.faces), CORNERS)]
-    body = mesh.vertices.astype("<f4").tobytes()
-    body += b"".join(struct.pack("<B3i", 3, *face) for face in mesh.faces)
-    content = ply(ORDERS["<"], elements, body, comment="Größe in µm", newline=newline)
-    np.testing.assert_array_equal(read(content).faces, mesh.faces)
-    np.testing.assert_array_equal(
-        read(content.replace(newline.encode(), b"\r\n", 1)).faces, mesh.faces
-    )
-    text = text_of(mesh.vertices).replace(b"\n", b"  \n") + text_of(
-        [3, *face] for face in mesh.faces
-    )
-    content = ply(
-        "ascii", elements, text.replace(b"\n", newline.encode()), comment="Größe", newline=newline
-    )
-    np.testing.assert_array_equal(read(content).faces, mesh.faces)
-
-
 @pytest.mark.parametrize("order", ["<", ">", ""])
 def test_other_elements_and_properties_are_passed_over(mesh, order):
     vertex = (
@@ -176,22 +157,6 @@ def test_list_lengths_that_the_file_cannot_hold_are_refused_at_once():
     signed = [elements[0], ("face", 1, "property list int int vertex_indices\n")]
     with pytest.raises(InputError, match="goes beyond its end"):
         read(ply(ORDERS["<"], signed, b"\0" * 12 + struct.pack("<ii", -5, 0)))
-
-
-def test_text_lists_have_the_lengths_that_they_say():
-    lists = CORNERS + "property uchar red\nproperty list uchar float texture\n"
-    elements = [("vertex", 1, XYZ), ("face", 2, lists)]
-    good = ply("ascii", elements, b"1 2 3\n3 0 0 0 9 2 .5 .5\n0 9 0\n")
-    assert read(good).faces.tolist() == [[0, 0, 0]]
-    changes = [
-        (0, b"\n3 0 0 0", b"\n2 0 0 0"),
-        (0, b"9 2 .5", b"9 1 .5"),
-        (1, b"\n0 9 0", b"\n0 9 0 1"),
-        (1, b"\n0 9 0", b"\n0 9"),
-    ]
-    for face, right, wrong in changes:
-        with pytest.raises(InputError, match=f"face {face} has . numbers, its own counts ask for"):
-            read(good.replace(right, wrong))
 
 
 @pytest.mark.parametrize(

@@ -4,9 +4,7 @@ from data_tools.io.formats.raw_shape import (
     NOT_KEPT,
     content_not_kept,
     fan_triangles,
-    joined,
     not_kept,
-    strip_triangles,
 )
 from data_tools.notes import Note
 
@@ -15,18 +13,6 @@ def test_polygons_are_split_at_their_first_corner():
     corners, sizes = np.array([5, 6, 7, 8, 1, 2, 3, 4, 9, 0]), np.array([4, 3, 2, 1])
     assert fan_triangles(corners, sizes).tolist() == [[5, 6, 7], [5, 7, 8], [1, 2, 3]]
     assert fan_triangles(np.empty(0, dtype=int), np.empty(0, dtype=int)).shape == (0, 3)
-
-
-def test_strips_keep_the_side_of_their_first_triangle():
-    corners, sizes = np.array([0, 1, 2, 3, 4, 7, 8, 8, 9]), np.array([5, 4])
-    assert strip_triangles(corners, sizes).tolist() == [[0, 1, 2], [2, 1, 3], [2, 3, 4]]
-
-
-def test_faces_of_later_parts_are_counted_on():
-    faces = np.array([[0, 1, 2]])
-    vertices, both = joined([(np.eye(3), faces), (2.0 * np.eye(3), faces)])
-    assert both.tolist() == [[0, 1, 2], [3, 4, 5]]
-    assert len(vertices) == 6
 
 
 def test_what_is_not_kept_is_said_once():

@@ -1,4 +1,3 @@
-import time
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,6 @@ from data_tools.io.formats.raw_shape import not_kept
 from data_tools.io.formats.text_points import read_points_table, read_pts, read_text_points
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Source
-from data_tools.notes import Note
 from data_tools.options import CleaningOptions
 
 MALFORMED = [
@@ -73,26 +71,6 @@ def test_clouds_and_obj_may_be_in_any_encoding(tmp_path, encoding):
         np.testing.assert_array_equal(
             read_shape(tmp_path / f"a{suffix}").vertices, [[0, 0, 0], [1, 2, 3], [4, 5, 7]]
         )
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "lost"),
-    [
-        ("a.obj", "v 0 0 0 .1 .2 .3\nv 1 2 3 1 1 1\nv 4 5 7 1 0 0\nvt 0 0\nusemtl bone\nf 1/1 2/1 3/1\n",
-         "colours, materials, texture coordinates"),
-        ("a.off", "OFF\n3 1 0\n0 0 0\n1 2 3\n4 5 7\n3 0 1 2 .5 .5 .5\n", "colours"),
-        ("a.csv", "x,y,z,red,\n0,0,0,9,\n1,2,3,9,\n4,5,7,9,\n", "further columns"),
-        ("a.pts", "3\n0 0 0 -7 1 2 3\n1 2 3 -7 4 5 6\n4 5 7 -7 1 1 1\n", "further columns"),
-        ("b.obj", "v 0 0 0 1\nv 1 2 3 1\nv 4 5 7 1\nf 1 2 3\n", None),
-        ("b.off", "OFF\n3 1 0\n0 0 0\n1 2 3\n4 5 7\n3 0 1 2\n", None),
-        ("b.csv", "x,y,z,\n0,0,0,\n1,2,3,\n4,5,7,\n", None),
-    ],
-)  # fmt: skip
-def test_what_no_output_keeps_is_noted(tmp_path, name, content, lost):
-    (tmp_path / name).write_text(content)
-    assert list(read_shape(tmp_path / name).notes) == list(
-        not_kept(lost.split(", ")) if lost else ()
-    )
 
 
 def test_npz_holds_meshes_and_clouds(tmp_path, rng):
@@ -257,33 +235,6 @@ def test_documented_formats_have_coordinates_first(rng, more):
         read_points_table("".join(f"{more} {row}\n" for row in rows), "a")
 
 
-def test_a_count_that_is_one_too_low_is_noted(tmp_path):
-    (tmp_path / "a.pts").write_text("2\n0 0 0 9\n1 2 3 9\n4 5 7 9\n1\n9 9 9 9\n")
-    shape = read_shape(tmp_path / "a.pts")
-    assert len(shape.vertices) == 4
-    assert Note("count-off", values={"said": 2, "found": 3}) in shape.notes
-
-
-def test_missing_numbers_are_nan_wherever_they_are():
-    for sign in (",", ";", "\t"):
-        text = f"x{sign}y{sign}z\n{sign}2{sign}3\n1{sign}{sign}3\n1{sign}2{sign}\n"
-        found = read_points_table(text, "a.csv").vertices
-        np.testing.assert_array_equal(np.isnan(found), np.eye(3, dtype=bool))
-
-
-@pytest.mark.parametrize(
-    "heading", ["(" * 300_000, "x" + " (" * 150_000, " ".join("({[" * 50_000) + " y"]
-)
-def test_a_heading_of_brackets_takes_no_time(heading):
-    started = time.process_time()
-    with pytest.raises(InputError, match="heading"):
-        read_points_table(f"{heading} x\n1 2 3 4\n", "table.txt")
-    assert time.process_time() - started < 5.0, "minutes where the time grows with the square"
-    np.testing.assert_array_equal(
-        read_points_table("x (mm) y [mm] z{mm}\n1 2 3\n", "table.txt").vertices, [[1, 2, 3]]
-    )
-
-
 def written_anyhow(rng):
     """Return points, a table of them as somebody may write it, what a person calls its columns, if it has a count."""
 
@@ -338,10 +289,3 @@ def test_no_way_to_write_a_table_is_misread(seed):
                     raise
             else:
                 np.testing.assert_array_equal(found.vertices, points, err_msg=repr(content))
-
-
-def test_pts_files_hold_several_scans_with_intensities_and_colours(tmp_path):
-    (tmp_path / "a.pts").write_text("2\n0 0 0 -900 1 2 3\n1 2 3 17 4 5 6\n1\n4 5 7 8 9 9 9\n")
-    np.testing.assert_array_equal(
-        read_shape(tmp_path / "a.pts").vertices, [[0, 0, 0], [1, 2, 3], [4, 5, 7]]
-    )

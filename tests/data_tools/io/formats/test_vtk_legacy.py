@@ -127,20 +127,6 @@ def test_unstructured_grids_are_read_where_they_are_surfaces(binary, version):
         read(grid([5, 9, 3, 10]))
 
 
-def test_a_cloud_has_no_faces():
-    for blocks in ([], [cells("VERTICES", [[0], [1]], False, 3)]):
-        assert read(vtk(blocks, binary=False, version=3)).faces.shape == (0, 3)
-
-
-def test_words_and_line_ends_are_of_any_case_and_kind():
-    content = vtk([cells("POLYGONS", LISTS, False, 3)], binary=False, version=3)
-    for other in (
-        content.replace(b"\n", b"\r\n"),
-        content.replace(b"POINTS", b"\n\npoints").replace(b"double", b"DOUBLE"),
-    ):
-        np.testing.assert_array_equal(read(other).faces, MESH.faces)
-
-
 def changed(old, new, *, binary=False, version=3):
     content = vtk([cells("POLYGONS", LISTS, binary, version)], binary=binary, version=version)
     assert old in content
