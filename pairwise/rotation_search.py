@@ -159,7 +159,7 @@ _TRIED, _TRIED_UNCOVERED, _TRIAL_STEPS, _KEPT = 0.07, 0.16, 1, 0.25
 _LEAST, _CHIRALITY_SHARE = 20, 0.25
 #: The second look: around how many distinct minima, up to which multiple of the least energy, with how many rotations
 #: each, by which angle.
-_NUM_CENTRES, _CENTRE_FACTOR, _NUM_AROUND, _ANGLE_AROUND_RAD = 3, 1.25, 8, np.deg2rad(15.0)
+_NUM_CENTRES, _CENTRE_FACTOR, _NUM_AROUND, _ANGLE_AROUND_RAD = 6, 1.25, 12, np.deg2rad(15.0)
 
 
 def mirror_points(points: FloatArray) -> FloatArray:

@@ -26,8 +26,6 @@ def farthest_points(
 ) -> IntArray:
     """Choose vertices one by one, each farthest from those chosen before (Gonzalez 1985; Eldar et al. 1997).
 
-    Along the surface, paths follow edges: a path need not be followed beyond what is farthest so far.
-
     Parameters
     ----------
     shape : Shape
@@ -57,9 +55,9 @@ def farthest_points(
         raise InputError(
             f"{shape.file or shape.name}: {len(shape.vertices)} {what}, {num} samples were asked for"
         )
-    distance_from: Callable[[int, float], FloatArray]
+    distance_from: Callable[[int], FloatArray]
     if metric == "geodesic":
-        distance_from = (solver or GeodesicSolver(shape)).within
+        distance_from = (solver or GeodesicSolver(shape)).from_vertex
     elif metric == "euclidean":
         distance_from = _euclidean(shape.vertices)
     else:
@@ -89,12 +87,12 @@ def central_extreme(points: FloatArray) -> int:
     return int(np.argmax(((points - points.mean(axis=0)) ** 2).sum(axis=1)))
 
 
-def _euclidean(points: FloatArray) -> Callable[[int, float], FloatArray]:
+def _euclidean(points: FloatArray) -> Callable[[int], FloatArray]:
     coordinates = np.ascontiguousarray(
         points.T
     )  # sums over long rows are several times as fast as over short ones
 
-    def distance_from(index: int, limit: float) -> FloatArray:
+    def distance_from(index: int) -> FloatArray:
         gaps = coordinates - coordinates[:, index, None]
         return np.sqrt(np.square(gaps, out=gaps).sum(axis=0))
 
@@ -102,7 +100,7 @@ def _euclidean(points: FloatArray) -> Callable[[int, float], FloatArray]:
 
 
 def _choose(
-    distance_from: Callable[[int, float], FloatArray], seeds: IntArray, num: int, shape: Shape
+    distance_from: Callable[[int], FloatArray], seeds: IntArray, num: int, shape: Shape
 ) -> IntArray:
     chosen = np.empty(num, dtype=np.int64)
     nearest = np.full(len(shape.vertices), np.inf)
@@ -113,7 +111,7 @@ def _choose(
                 f"{shape.file or shape.name}: only {step} distinct points, {num} samples were asked for"
             )
         chosen[step] = index
-        np.minimum(nearest, distance_from(index, float(nearest.max())), out=nearest)
+        np.minimum(nearest, distance_from(index), out=nearest)
         nearest[index] = 0.0
     return chosen
 

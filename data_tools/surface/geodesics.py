@@ -26,7 +26,7 @@ class GeodesicSolver:
 
     The heat method (Crane, Weischedel and Wardetzky 2013) on connected meshes; shortest paths along the edges on
     other meshes, and along the graph of 12 nearest neighbours in point clouds. Points that cannot be
-    reached are infinitely far. :meth:`within` follows edges on all meshes: there, farthest points need no more.
+    reached are infinitely far.
 
     Parameters
     ----------
@@ -67,10 +67,6 @@ class GeodesicSolver:
     def from_vertex(self, source: int) -> FloatArray:
         """Return the distance of every vertex to one vertex, shape (v,)."""
         return self.from_vertices(np.array([source]))
-
-    def within(self, source: int, limit: float) -> FloatArray:
-        """Return the length of the shortest path along edges to each vertex, shape (v,), infinite beyond a limit."""
-        return np.asarray(dijkstra(self._graph, indices=source, limit=limit))
 
     def from_each(self, sources: IntArray) -> FloatArray:
         """Return the distance of every vertex to each of some vertices, shape (s, v)."""
