@@ -32,7 +32,7 @@ FEWEST_POINTS = 30
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SurfacePoints:
+class SurfacePlanes:
     """Points of a surface with their planes.
 
     Attributes
@@ -59,7 +59,7 @@ class SurfacePoints:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LocalSurface(SurfacePoints):
+class LocalSurface(SurfacePlanes):
     """A surface whose points lie about one cell apart; build it with :meth:`from_user`.
 
     Attributes

@@ -14,7 +14,7 @@ import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.checks import check_choice
-from data_tools.local_surface import PART_CELL, LocalSurface, SurfacePoints
+from data_tools.local_surface import PART_CELL, LocalSurface, SurfacePlanes
 from data_tools.partial_surface import PartialSurface
 from data_tools.poses import Similarity, pose_angle_deg
 from data_tools.threads import one_blas_thread
@@ -183,7 +183,7 @@ def refine(
     """
     cell = PART_CELL * float(np.mean([target.radius for target in targets]))
     to, of = (
-        SurfacePoints(
+        SurfacePlanes(
             points=np.concatenate([one.points[:num_points] for one in several]),
             normals=np.concatenate([one.normals[:num_points] for one in several]),
             cell=cell,

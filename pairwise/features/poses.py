@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_tools.arrays import FloatArray, IntArray
-from data_tools.local_surface import MOST_COMPARED, LocalSurface, SurfacePoints
+from data_tools.local_surface import MOST_COMPARED, LocalSurface, SurfacePlanes
 from data_tools.poses import Similarity, pose_angle_deg
 from data_tools.rotations import nearest_orthogonal
 
@@ -128,8 +128,8 @@ def consensus_poses(
 
 
 def refine_on_planes(
-    target: SurfacePoints,
-    source: SurfacePoints,
+    target: SurfacePlanes,
+    source: SurfacePlanes,
     poses: Similarity,
     *,
     cutoffs: Sequence[float] = FIRST_STEPS + LAST_STEPS,
@@ -142,7 +142,7 @@ def refine_on_planes(
 
     Parameters
     ----------
-    target, source : SurfacePoints
+    target, source : SurfacePlanes
     poses : Similarity
         Several; source coordinates to those of the target.
     cutoffs : sequence of float

@@ -11,6 +11,7 @@ from collalign.confidence.kind_model import LEAST_FREE_SPLIT, kin_log_odds
 from collalign.options import MAX_ROUNDS, AlignSession
 from collalign.products.shapes import Shapes
 from collalign.stages.choose_pairs import normalised
+from collalign.stages.incomplete.scans import were_seen
 from collalign.stages.kinds.grouping import (
     FEWEST_OF_KIND,
     Grouping,
@@ -59,7 +60,8 @@ def find_kinds(
     """Return the kinds of a collection; None where it is of one kind, or nothing tells.
 
     Pairs are matched only where kinds are likely. Mirror images are of one kind: before two kinds are told apart, the
-    nearest of their pairs are matched with reflections as well, unless ``options.group`` forbids these.
+    nearest of their pairs are matched with reflections as well, unless ``options.group`` forbids these. Images of one
+    side each, such as depth images, show different parts of things: overlaps tell which belong together.
 
     Parameters
     ----------
@@ -79,6 +81,8 @@ def find_kinds(
         raise OptionsError(
             f"clusters: expected at most {len(shapes.names)}, one a shape, got {num}"
         )
+    if not num and known is None and were_seen(shapes):
+        return None
     descriptors = kind_descriptors(shapes.samples)
     if descriptors is None:
         if num:

@@ -54,7 +54,7 @@ def test_a_match_without_a_pose_is_a_failure_and_no_record(rng, monkeypatch):
         match(rng.random((4, 3)), rng.random((4, 3))), candidates=(), status=Status.FAILED
     )
     monkeypatch.setattr(
-        "collalign.stages.match_pairs.match_problem", lambda problem, options: failed
+        "collalign.whole_pairs.match_whole.match_problem", lambda problem, options: failed
     )
     with pytest.raises(SolveFailed, match="No usable answer"):
         match_pair(make_samples(rng), make_samples(rng), "SO", MatchOptions())

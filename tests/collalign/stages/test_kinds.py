@@ -182,6 +182,11 @@ def test_two_kinds_are_found_and_one_is_not_split(mixed):
         assert found is not None
         assert as_partition(found.labels) == as_partition(truth)
         assert (found.confidence > 0.9).all()
+        images = [
+            replace(one, rim="open", local=replace(one.local, sights=np.array([[0.0, 0.0, 1.0]])))
+            for one in shapes.samples
+        ]
+        assert find_kinds(session, replace(shapes, samples=images)) is None, "of unlike parts"
         alone = shapes.some(np.flatnonzero(truth == 0).tolist())
         assert find_kinds(session, alone) is None
         halves = find_kinds(session, alone, num=2)
