@@ -123,7 +123,7 @@ def unpacked_source(folder):
     words = (sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", folder)
     subprocess.run(words, cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
     (archive,) = folder.glob("*.tar.gz")
-    shutil.unpack_archive(archive, folder, filter="data")
+    shutil.unpack_archive(archive, folder)
     return archive.with_name(archive.name.removesuffix(".tar.gz"))
 
 
