@@ -46,7 +46,7 @@ from pairwise.local_search import LocalMinima
 #: Origin of maps that only poses lead to, and of those that matched tips do.
 FROM_POSES, FROM_TIPS = "poses", "tips"
 #: Weights of the Dirichlet energy in the last iterations, on all samples.
-SETTLING = (SMOOTHNESS,) * 2
+SETTLING = (SMOOTHNESS,) * 3
 #: The same on the way from a rough start.
 ANNEALED = tuple(np.geomspace(1e-2, SMOOTHNESS, 8).tolist())
 

@@ -42,7 +42,7 @@ from experiments.tables import Column, Row, Table
 #: Pairs of each set, at most.
 SETS = {BIPEDS: 20, BIPEDS_APART: 40, BODIES: 20, ANIMALS: 9, "scape": 12, "tosca": 6}
 #: Raised when the maps change.
-VERSION = "2"
+VERSION = "3"
 #: Columns of the evidence in a record.
 EVIDENCE = tuple(one.name for one in fields(Evidence))
 #: Maps that are stated this or more are sure.
