@@ -110,7 +110,7 @@ class MapTuning(NamedTuple):
     60 pairs of SHREC07's ants, teddy bears and glasses on which maps are published."""
     likely_lead: float = 2.0
     """Candidates with scores less than this above the best one's are refined with all samples: as good as all. With
-    .5 and two settling rounds a pair takes a third less time, and maps of humans and armadillos err .127, not .108."""
+    .5 and two settling rounds a pair takes a third less time, humans and armadillos err .127, not .108."""
     num_shell: int = 20
     """Functions in which surfaces are laid onto each other first, ..."""
     shell_position: float = 2.0
