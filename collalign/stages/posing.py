@@ -11,8 +11,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import TypeAlias
 
+import numpy as np
+
 from collalign.options import AUTO, AlignOptions
 from collalign.products.pair import are_weighed
+from collalign.products.trust import DOUBT
 from collalign.stages import steps
 from collalign.stages.choose_pairs import MAX_ALL_PAIRS
 from collalign.stages.extra_material import (
@@ -22,6 +25,7 @@ from collalign.stages.extra_material import (
 )
 from collalign.stages.incomplete.add import chances_as_parts, with_incomplete
 from collalign.stages.incomplete.detect import LIKELIER, are_too_many, find_incomplete
+from collalign.stages.incomplete.parts import align_parts
 from collalign.stages.incomplete.scans import align_scans, match_badly, were_seen
 from collalign.stages.steps import Matched, Posed, Run, with_group
 from data_tools.errors import CollectionError, InputError
@@ -62,7 +66,8 @@ def pose_all(run: Run, missing: Mapping[int, str]) -> Answer:
         known, found = _as_scans(run)
         if found is not None:
             return found
-    return _pose_in_rounds(run, missing, known)
+    answer = _pose_in_rounds(run, missing, known)
+    return answer if missing else _surest(run, answer)
 
 
 def _may_be_scans(run: Run) -> bool:
@@ -224,3 +229,24 @@ def _finished(run: Run, missing: Mapping[int, str], answer: Answer) -> Answer:
     if missing:
         posed = with_incomplete(with_group(run, matched.group), posed, missing)
     return run, matched, posed
+
+
+def _surest(run: Run, answer: Answer) -> Answer:
+    """Return the answer, or where most shapes are doubtful and open, that as parts of each other if it is surer."""
+    _, matched, posed = answer
+    stated = posed.confidence_but_for_sides
+    unsure = stated < DOUBT
+    opened = np.array([item.rim == "open" for item in run.shapes.samples])
+    if (
+        not _looks_for_extra(run)
+        or posed.extra
+        or run.shapes.are_assembled
+        or not 3 <= len(stated) <= MAX_ALL_PAIRS
+        or np.median(stated) >= DOUBT
+        or 2 * (unsure & opened).sum() < unsure.sum()
+    ):
+        return answer
+    parts = align_parts(with_group(run, matched.group), matched.pairs)
+    if parts is None or parts.solution.confidence.mean() <= posed.solution.confidence.mean():
+        return answer
+    return run, matched, parts

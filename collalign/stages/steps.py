@@ -183,9 +183,10 @@ class Posed:
 
     @property
     def confidence_but_for_sides(self) -> FloatArray:
-        """The confidences (N,), 1 for shapes whose side is in doubt."""
+        """The confidences (N,) if every side were right."""
         confidence = self.solution.confidence.copy()
-        confidence[list(self.side_chances)] = 1.0
+        for i, chance in self.side_chances.items():
+            confidence[i] /= chance
         return confidence
 
 

@@ -66,7 +66,7 @@ def chances_as_parts(run: Run, posed: Posed, doubtful: Sequence[int]) -> dict[in
     )
     most = _mean_confidence(posed.solution.confidence, partners)
     return {
-        i: _stated(pose_chance(record), most, in_doubt=_lies_elsewhere(record))
+        i: _stated(pose_chance(record), most, in_doubt=lies_elsewhere(record))
         for i, record in found.items()
     }
 
@@ -76,7 +76,7 @@ def _stated(chance: float, most: float, *, in_doubt: bool) -> float:
     return min(0.5 * chance if in_doubt else chance, most)
 
 
-def _lies_elsewhere(record: Record) -> bool:
+def lies_elsewhere(record: Record) -> bool:
     """Return whether nothing tells that a piece is a part of the shapes that it was posed on."""
     excess = float(np.asarray(record["evidence"])[1, 0])
     return is_unlike(float(record["mismatch"]), float(record["likeness"]), excess)
@@ -150,7 +150,7 @@ def _merged(
     for i, record in found.items():
         rotations[i] = record["rotations"][0]
         transforms[i] = run.constraints.fixed_transforms.get(i, record["transforms"][0])
-        may_be_stranger = i in strange or _lies_elsewhere(record)
+        may_be_stranger = i in strange or lies_elsewhere(record)
         chance = pose_chance(record)
         most = _mean_confidence(confidence, partners[partners != i])
         confidence[i] = _stated(chance, most, in_doubt=may_be_stranger)
@@ -194,6 +194,7 @@ def _merged(
         labels=labels,
         notes=(*complete.notes, *notes),
         trust=trust,
+        side_chances={int(at[c]): chance for c, chance in complete.side_chances.items()},
         vertices=_vertex_maps(complete.vertices, [names[i] for i in found]),
         incomplete=incomplete,
     )
@@ -259,29 +260,42 @@ def incomplete_pairs(
     pairs = []
     for n, partner in enumerate(partners.tolist()):
         first, second = min(i, partner), max(i, partner)
-        energies = np.asarray(record["energies"])[:, n]
-        order = np.argsort(energies, kind="stable")
-        asked = rotations[partner].T @ np.asarray(record["rotations"])[order]
+        asked = rotations[partner].T @ np.asarray(record["rotations"])
         asked = asked if second == i else np.swapaxes(asked, 1, 2)
-        angles = pose_angle_deg(asked, rotations[first].T @ rotations[second])
-        agrees = bool(angles[0] <= AGREE_DEG)
-        pairs.append(
-            AlignedPair(
-                target=first,
-                source=second,
-                rotations=read_only(np.ascontiguousarray(asked)),
-                maps=read_only(np.full((len(asked), labels.shape[1]), -1)),
-                energies=read_only(energies[order]),
-                how="part",
-                status=Status.LOCAL_OPTIMUM.name,
-                choice=0 if agrees else -1,
-                inlier=agrees,
-                disagreement_deg=float(angles[0]),
-                map_target_source=read_only(label_map(labels[first], labels[second])),
-                energy=float(energies[0]),
-            )
-        )
+        energies = np.asarray(record["energies"])[:, n]
+        pairs.append(aligned_pair((first, second), asked, energies, rotations, labels))
     return pairs
+
+
+def aligned_pair(
+    ends: tuple[int, int],
+    asked: FloatArray,
+    energies: FloatArray,
+    rotations: FloatArray,
+    labels: IntArray,
+) -> AlignedPair:
+    """Return a pair of shapes, one of which is a part, with poses (m, 3, 3) of energies (m,), at the common ones.
+
+    It agrees where its pose of least energy does. Rotations are ``R_common_shape`` (N, 3, 3), labels (N, k).
+    """
+    target, source = ends
+    order = np.argsort(energies, kind="stable")
+    angles = pose_angle_deg(asked[order], rotations[target].T @ rotations[source])
+    agrees = bool(angles[0] <= AGREE_DEG)
+    return AlignedPair(
+        target=target,
+        source=source,
+        rotations=read_only(np.ascontiguousarray(asked[order])),
+        maps=read_only(np.full((len(order), labels.shape[1]), -1)),
+        energies=read_only(energies[order]),
+        how="part",
+        status=Status.LOCAL_OPTIMUM.name,
+        choice=0 if agrees else -1,
+        inlier=agrees,
+        disagreement_deg=float(angles[0]),
+        map_target_source=read_only(label_map(labels[target], labels[source])),
+        energy=float(energies[order[0]]),
+    )
 
 
 def label_map(target: IntArray, source: IntArray) -> IntArray:

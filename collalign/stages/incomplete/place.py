@@ -81,6 +81,22 @@ def place_shape(
     return pose_record(targets, source, poses)
 
 
+@one_blas_thread()
+def place_again(
+    source: PartialSurface,
+    partners: tuple[PartialSurface, ...],
+    transforms: FloatArray,
+    proposed: FloatArray,
+    *,
+    estimate_scale: bool,
+) -> Record:
+    """Return what :func:`place_shape` does, of proposed poses (p, 4, 4) to the common frame; runs inside a worker."""
+    targets = [one.moved(transform) for one, transform in zip(partners, transforms, strict=True)]
+    sizes = sizes_of_complete(transforms, estimate_scale=estimate_scale)
+    poses = settle(targets, source, Similarity.of_transforms(proposed), sizes=sizes)
+    return pose_record(targets, source, poses)
+
+
 def sizes_of_complete(transforms: FloatArray, *, estimate_scale: bool) -> Sizes | None:
     """Return the scales of an incomplete shape by the transforms (n, 4, 4) of complete ones, if they say anything."""
     if not estimate_scale:

@@ -201,13 +201,27 @@ def _are_scans(
     )
 
 
-def _framed(shapes: Shapes, transforms: FloatArray, scaling: str, root: int) -> FloatArray:
-    """Return the poses with all samples centred, and of the root's normalised size unless sizes stay."""
-    framed = transforms.copy()
-    if scaling == "similarity":
-        framed[:, :3] /= shapes.samples[root].scale
+def framed_poses(run: Run, transforms: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return poses (N, 4, 4), and their rotations (N, 3, 3), in the frame of the reference.
+
+    All samples are centred there, and of the reference's normalised size unless sizes stay.
+    """
+    shapes, reference = run.shapes, run.constraints.reference
+    framed = np.linalg.inv(transforms[reference]) @ transforms
+    if run.constraints.rotation is not None:
+        framed[:, :3] = run.constraints.rotation @ framed[:, :3]
+    rotations = framed[:, :3, :3] / scales_of(framed)[:, None, None]
+    if run.session.options.scaling == "similarity":
+        framed[:, :3] /= shapes.samples[reference].scale
     framed[:, :3, 3] -= common_positions(shapes.samples, framed).mean(axis=(0, 1))
-    return framed
+    return with_origin(framed, run.constraints), rotations
+
+
+def common_labels(shapes: Shapes, transforms: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Return the labels (N, k) of all samples at poses (N, 4, 4), -1 for none, and the points (l, 3) they are of."""
+    positions = common_positions(shapes.samples, transforms)
+    universe = common_points(positions)
+    return np.stack([nearest_labels(points, universe) for points in positions]), universe
 
 
 def common_points(positions: FloatArray) -> FloatArray:
@@ -230,17 +244,9 @@ def _posed(
     reasons: Mapping[int, str],
 ) -> Posed:
     """Return what follows from the poses of joined scans."""
-    shapes, reference = run.shapes, run.constraints.reference
-    num = len(shapes.names)
-    rotated = np.linalg.inv(joined.transforms[reference]) @ joined.transforms
-    if run.constraints.rotation is not None:
-        rotated[:, :3] = run.constraints.rotation @ rotated[:, :3]
-    transforms = _framed(shapes, rotated, run.session.options.scaling, reference)
-    transforms = with_origin(transforms, run.constraints)
-    rotations = np.ascontiguousarray(rotated[:, :3, :3])
-    positions = common_positions(shapes.samples, transforms)
-    universe = common_points(positions)
-    labels = np.stack([nearest_labels(points, universe) for points in positions])
+    shapes, num = run.shapes, len(run.shapes.names)
+    transforms, rotations = framed_poses(run, joined.transforms)
+    labels, universe = common_labels(shapes, transforms)
     incomplete = tuple(_incomplete(i, joined.kept, reasons[i]) for i in range(num))
     in_doubt = joined.confidence < DOUBT
     in_doubt[np.concatenate([np.empty(0, dtype=np.int64), *joined.parts[1:]])] = True
