@@ -368,6 +368,7 @@ _REASONS = {
     "one-view": "it shows one side only, which need not be that of the others",
     "partners": "it is no surer than the shapes that it lies on",
     "overlap-alone": "nothing but overlap joins it to the others",
+    "other-reading": "as a part of the others it would lie elsewhere than as a whole shape",
     "doubtful": "in doubt",
     "incomplete": "incomplete",
     "alone": "the only one of its kind",

@@ -80,3 +80,15 @@ def is_other_body(coverage: float, on_rim: float, misfit: float) -> bool:
         Logarithm of its mismatch over that of the median complete shape; NaN where it is not known.
     """
     return max(coverage, on_rim) < LITTLE and misfit > LEAST_MISFIT
+
+
+def chance_against(chance: FloatArray, rival: FloatArray) -> FloatArray:
+    """Return how probable poses (m,) are which other evidence contradicts: both cannot be right, both may be wrong.
+
+    Parameters
+    ----------
+    chance, rival : ndarray, shape (m,)
+        How probable each of the two is by its own evidence.
+    """
+    left = chance * (1.0 - rival)
+    return np.asarray(left / (left + 1.0 - chance))

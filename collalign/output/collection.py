@@ -182,7 +182,8 @@ class Collection(CollectionData):
         ``side`` (which side it is of is in doubt), ``partners`` (an incomplete shape is no surer than those that it
         lies on), ``cut-off`` (similar shapes go on beyond its rim, and too few are left to pose it on), ``one-view``
         (it is an image of one side, and images could not be joined as scans),
-        ``overlap-alone`` (nothing but overlap joins scans). :func:`collalign.reason_text` has the words.
+        ``overlap-alone`` (nothing but overlap joins scans), ``other-reading`` (posed as a whole and as a part of the
+        others, it lies in different places). :func:`collalign.reason_text` has the words.
     by_hand : mapping of str to float
         The shapes whose pose a person set, each with the confidence that the evidence alone gives to that pose; NaN
         where there is no evidence. Their ``confidence`` is 1.

@@ -13,6 +13,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from collalign.confidence.incomplete_model import chance_against
 from collalign.options import AUTO, AlignOptions
 from collalign.products.pair import are_weighed
 from collalign.products.trust import DOUBT
@@ -28,12 +29,19 @@ from collalign.stages.incomplete.detect import LIKELIER, are_too_many, find_inco
 from collalign.stages.incomplete.parts import align_parts
 from collalign.stages.incomplete.scans import align_scans, match_badly, were_seen
 from collalign.stages.steps import Matched, Posed, Run, with_group
+from data_tools.arrays import read_only
 from data_tools.errors import CollectionError, InputError
+from data_tools.poses import APART_DEG, pose_angle_deg
 
 #: Why a confidence is limited: the shape is an image of one side.
 ONE_VIEW = "one-view"
 #: A shape below is likelier to be wrong than right.
 AS_LIKELY = 0.5
+#: Why a confidence is limited: as a part of the others, or as a whole, the shape would lie elsewhere.
+OTHER_READING = "other-reading"
+#: Shapes are posed as parts of each other as well where so many of them are open, and so many doubtful. Of 24 molars,
+#: all open, one is.
+MOSTLY_OPEN, SOME_DOUBTFUL = 0.5, 0.1
 #: Times that shapes are posed at most.
 MOST_POSINGS = 3
 #: A run, its shapes' pairs and their poses.
@@ -65,7 +73,7 @@ def pose_all(run: Run, missing: Mapping[int, str]) -> Answer:
     if not missing and _may_be_scans(run):
         known, found = _as_scans(run)
         if found is not None:
-            return found
+            return _surest(run, found)
     answer = _pose_in_rounds(run, missing, known)
     return answer if missing else _surest(run, answer)
 
@@ -232,21 +240,40 @@ def _finished(run: Run, missing: Mapping[int, str], answer: Answer) -> Answer:
 
 
 def _surest(run: Run, answer: Answer) -> Answer:
-    """Return the answer, or where most shapes are doubtful and open, that as parts of each other if it is surer."""
+    """Return the surer of the answer and that of all as parts of each other, if most are open and some doubtful."""
     _, matched, posed = answer
-    stated = posed.confidence_but_for_sides
-    unsure = stated < DOUBT
+    doubtful = posed.confidence_but_for_sides < DOUBT
     opened = np.array([item.rim == "open" for item in run.shapes.samples])
     if (
         not _looks_for_extra(run)
         or posed.extra
         or run.shapes.are_assembled
-        or not 3 <= len(stated) <= MAX_ALL_PAIRS
-        or np.median(stated) >= DOUBT
-        or 2 * (unsure & opened).sum() < unsure.sum()
+        or were_seen(run.shapes)
+        or not 3 <= len(opened) <= MAX_ALL_PAIRS
+        or opened.mean() < MOSTLY_OPEN
+        or doubtful.mean() < SOME_DOUBTFUL
     ):
         return answer
-    parts = align_parts(with_group(run, matched.group), matched.pairs)
-    if parts is None or parts.solution.confidence.mean() <= posed.solution.confidence.mean():
+    parts = align_parts(with_group(run, matched.group), matched.pairs, posed.side_chances)
+    if parts is None:
         return answer
-    return run, matched, parts
+    is_surer = parts.solution.confidence.mean() > posed.solution.confidence.mean()
+    chosen, other = (parts, posed) if is_surer else (posed, parts)
+    return run, matched, _contradicted(chosen, other)
+
+
+def _contradicted(posed: Posed, other: Posed) -> Posed:
+    """Return poses of which those are less sure that lie elsewhere in the other answer, in the frame of most."""
+    turns = posed.rotations @ np.swapaxes(other.rotations, 1, 2)
+    agree = pose_angle_deg(turns[:, None], turns) <= APART_DEG
+    elsewhere = ~agree[np.argmax(agree @ posed.solution.confidence)]
+    confidence, limited_by = posed.solution.confidence.copy(), np.array(posed.limited_by, object)
+    confidence[elsewhere] = chance_against(
+        confidence[elsewhere], other.solution.confidence[elsewhere]
+    )
+    limited_by[elsewhere] = OTHER_READING
+    return replace(
+        posed,
+        solution=replace(posed.solution, confidence=read_only(confidence)),
+        limited_by=tuple(limited_by.tolist()),
+    )

@@ -3,6 +3,7 @@
 * ``detect``: which ones
 * ``posed_points``: their surfaces
 * ``place``, ``add``: one on several others; all on the complete ones
+* ``parts``: any as a part of the others, at any size
 * ``scans``, ``join``: where none is complete: pairs, and all of them together
 
 Word: **incomplete**: of a shape of a collection that lacks parts, which are *missing*. *Partial* is of two surfaces

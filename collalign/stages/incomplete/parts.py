@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -88,7 +88,9 @@ def match_parts(
 MATCHING_PARTS = Job(kind="evidence", version="parts-1", run=match_parts, reader=PartPoses)
 
 
-def align_parts(run: Run, matched: Sequence[Pair]) -> Posed | None:
+def align_parts(
+    run: Run, matched: Sequence[Pair], side_chances: Mapping[int, float]
+) -> Posed | None:
     """Return the poses of shapes that are all posed as parts of each other; None where pairs do not connect them.
 
     Parameters
@@ -97,6 +99,8 @@ def align_parts(run: Run, matched: Sequence[Pair]) -> Posed | None:
         Its group is decided.
     matched : sequence of Pair
         The shapes as if they were complete.
+    side_chances : mapping of int to float
+        The chances that the side of a shape is right, where that is in doubt.
     """
     session, shapes, num = run.session, run.shapes, len(run.shapes.names)
     with run.stage("incomplete shapes"):
@@ -109,7 +113,8 @@ def align_parts(run: Run, matched: Sequence[Pair]) -> Posed | None:
             return None
         first = _first_transforms(pairs, solution)
         transforms, found = _in_rounds(run, surfaces, pairs, first)
-    return _posed(run, matched, pairs, transforms, found)
+    posed = _posed(run, matched, pairs, transforms, found)
+    return with_sides(posed, side_chances)
 
 
 def _part_pairs(
@@ -280,4 +285,17 @@ def _posed(
             for odd, limit, own in zip(strange, most, chances, strict=True)
         ),
         incomplete=incomplete,
+    )
+
+
+def with_sides(posed: Posed, side_chances: Mapping[int, float]) -> Posed:
+    """Return poses whose confidences are multiplied by the chances of sides that are in doubt."""
+    confidence, limited_by = posed.solution.confidence.copy(), [*posed.limited_by]
+    for i, chance in side_chances.items():
+        confidence[i], limited_by[i] = chance * confidence[i], "side"
+    return replace(
+        posed,
+        solution=replace(posed.solution, confidence=read_only(confidence)),
+        limited_by=tuple(limited_by),
+        side_chances=side_chances,
     )
