@@ -21,7 +21,7 @@ from pairwise.problem import Problem
 from pairwise.rotation_pattern import RotationPattern
 
 #: Numbers beyond this, in the problem's own unit, are refused: their products would overflow.
-LARGEST = 1e100
+LARGEST_VALUE = 1e100
 
 
 def in_unit(values: FloatArray, exponent: int, name: str) -> FloatArray:
@@ -30,11 +30,11 @@ def in_unit(values: FloatArray, exponent: int, name: str) -> FloatArray:
     Raises
     ------
     InputError
-        If a value exceeds ``LARGEST`` then.
+        If a value exceeds ``LARGEST_VALUE`` then.
     """
     with np.errstate(over="ignore", under="ignore"):
         scaled = np.ldexp(values, -exponent)
-    if not np.abs(scaled).max(initial=0.0) <= LARGEST:
+    if not np.abs(scaled).max(initial=0.0) <= LARGEST_VALUE:
         raise InputError(f"{name} contains values that are too large for this problem")
     return scaled
 

@@ -126,7 +126,7 @@ def cycle_histogram(collection: CollectionData) -> dict[str, Any]:
 
 
 #: Incomplete shapes that are drawn, those that cover least.
-MOST_DRAWN = 40
+MOST_INCOMPLETE_DRAWN = 40
 _NONE = np.empty((0, 3))
 
 #: Packed meshes by name.
@@ -164,7 +164,7 @@ def incomplete_content(collection: CollectionData) -> tuple[dict[str, Any], Mesh
     if not collection.incomplete:
         return {}, {}
     listed = sorted(collection.incomplete, key=lambda one: (one.coverage, one.shape))
-    drawn, vertices, faces = listed[:MOST_DRAWN], collection.vertices, collection.faces
+    drawn, vertices, faces = listed[:MOST_INCOMPLETE_DRAWN], collection.vertices, collection.faces
     partners = {i for one in drawn for i in one.partners.tolist()}
     aligned = {i: moved_by(collection.transforms[i], vertices[i]) for i in partners}
     has = {i: counterparts_on(aligned[i], faces[i]) for i in partners}
