@@ -38,6 +38,36 @@ def test_equations_hold_for_rotations_and_not_for_others(rng, sizes, cross):
         assert violation(random_rotation(rng, sizes[0], reflected=True)) > 1e-3
 
 
+@pytest.mark.parametrize(
+    ("sizes", "group", "cross", "both"),
+    [
+        ([3], "SO", True, False),
+        ([3], "SO", False, True),
+        ([3], "O", False, True),
+        ([2], "SO", False, False),
+        ([2], "O", False, True),
+        ([3, 2], "SO", True, False),
+        ([2, 3], "O", False, True),
+        ([4], "O", False, True),
+    ],
+)
+def test_no_equation_is_missing(rng, sizes, group, cross, both):
+    """They are all quadratic forms that vanish on the rotations: moments of many leave no others."""
+    dim, ends = sum(sizes), np.cumsum(sizes)
+    pattern = RotationPattern.from_user(sizes, dim, group)
+    lifted, moments = LiftedRotation.build(pattern, cross_products=cross), []
+    for at in range(400):
+        matrix = np.zeros((dim, dim))
+        for number, (size, end) in enumerate(zip(sizes, ends.tolist(), strict=True)):
+            side = bool(at >> number & 1) if number or both else False
+            block = random_rotation(rng, size, reflected=side)
+            matrix[end - size : end, end - size : end] = block
+        rho = np.linalg.lstsq(lifted.basis[:, 1:], pattern.pack(matrix), rcond=None)[0]
+        moments.append(np.outer([1.0, *rho], [1.0, *rho])[np.triu_indices(len(rho) + 1)])
+    num_forms = len(moments[0])
+    assert len(lifted.equations) == num_forms - np.linalg.matrix_rank(np.array(moments), tol=1e-8)
+
+
 def brute_support(allowed):
     from tests.oracles import injective_maps
 
