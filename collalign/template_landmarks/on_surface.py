@@ -9,7 +9,7 @@ from typing import TypeAlias, TypeVar
 import numpy as np
 from scipy.spatial import cKDTree
 
-from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
+from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only, rms_length
 from data_tools.errors import InputError
 from data_tools.io.shapes import LPS_RAS, CoordinateSystem, declared_system, read_shape
 from data_tools.io.source import Origin
@@ -299,4 +299,4 @@ def _known(sets: Iterable[FloatArray]) -> FloatArray:
 
 
 def _spread(points: FloatArray) -> float:
-    return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    return rms_length(points - points.mean(axis=0))

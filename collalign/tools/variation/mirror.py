@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from collalign.registration.register import register
 from collalign.registration.surface import RegistrationSurface
-from data_tools.arrays import FloatArray, IntArray
+from data_tools.arrays import FloatArray, IntArray, rms_length
 from data_tools.errors import InputError
 from data_tools.io.files import existing_file, read_any_text
 from data_tools.poses import Similarity
@@ -117,7 +117,7 @@ def mirror_map(shape: Shape, *, normal: FloatArray | None = None) -> SurfacePoin
     image = shape.transformed(pose.transform)
     source = RegistrationSurface.from_shape(image)
     gaps = surface.locator.closest(image.vertices).on(shape.vertices) - image.vertices
-    unlikeness = float(np.sqrt((gaps**2).sum(axis=1).mean())) / surface.radius
+    unlikeness = rms_length(gaps) / surface.radius
     if unlikeness > MOST_UNLIKE:
         raise InputError(
             f"{shape.name}: is not bilateral: its mirror image fits to {unlikeness:.2f} of the radius at best, "
