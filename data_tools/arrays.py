@@ -106,6 +106,11 @@ def extremes(points: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     return coordinates.min(axis=1), coordinates.max(axis=1)
 
 
+def rms_length(vectors: FloatArray) -> float:
+    """Return the root mean square length of vectors (n, d): of centred points, their radius."""
+    return float(np.sqrt((vectors**2).sum(axis=1).mean()))
+
+
 def sums_by_owner(rows: FloatArray, owner: IntArray, num: int) -> FloatArray:
     """Return the sums of the rows (n, m) of each owner, shape (num, m), given the owner of each row (n,)."""
     return np.stack(

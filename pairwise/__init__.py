@@ -17,7 +17,7 @@
 * ``dense``, ``surface_fit``: dense points of surfaces and which are nearest at a pose; the fit of two whole surfaces,
   by their planes and by what they share
 
-It knows no files and no processes, and prints nothing.
+It knows no processes, and no files but certificates, and prints nothing.
 
 Words:
 

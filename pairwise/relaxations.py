@@ -46,8 +46,8 @@ def solve_relaxation(
     for k = n), its matches' shares of R add up to R. On few points they close most of the gap between bound and
     optimum; ``row_sums=False`` is PM-SDP as published (eq. 10-12 of the paper).
 
-    CVXPY writes the same relaxation down entry by entry for two other solvers, as the paper does. They serve as a
-    check: they take 10 to 100 times as long.
+    CVXPY hands the same relaxation to two other solvers, written as in the paper. They serve as a check: they take 10
+    to 100 times as long.
 
     Parameters
     ----------

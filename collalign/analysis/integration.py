@@ -13,7 +13,7 @@ from data_tools.errors import InputError
 from data_tools.threads import one_blas_thread
 
 #: Directions of which a block has less than this part of its largest one, or of all its values, are rounding errors.
-_NOTHING, _ROUNDING = 1e-10, 1e-13
+_NO_VARIATION, _ROUNDING = 1e-10, 1e-13
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -124,7 +124,7 @@ def _reduced(block: FloatArray, name: str) -> tuple[FloatArray, FloatArray]:
     There are fewer of these than of coordinates, and covariances are the same.
     """
     left, sizes, axes = np.linalg.svd(block - block.mean(axis=0), full_matrices=False)
-    kept = sizes > max(_NOTHING * sizes[0], _ROUNDING * float(np.linalg.norm(block)))
+    kept = sizes > max(_NO_VARIATION * sizes[0], _ROUNDING * float(np.linalg.norm(block)))
     if not kept.any():
         raise InputError(f"{name}: is the same in all shapes, so nothing can go together with it")
     return left[:, kept] * sizes[kept], axes[kept].T

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from data_tools.errors import InputError
 from data_tools.io.files import read_any_text
-from data_tools.io.text_tables import plain_cell
+from data_tools.io.text_tables import THOUSANDS, plain_cell
 from data_tools.names import known_names, match_names, nearest_names, nearly
 from data_tools.notes import Note, Value, listed
 
@@ -18,9 +18,8 @@ from data_tools.notes import Note, Value, listed
 UNKNOWN = frozenset({"", "na", "n/a", "nan", "none", "unknown", "?"})
 #: Columns that may hold the shapes' names, the first found counts; otherwise it is the first column.
 NAME_COLUMNS = ("name", "shape", "specimen", "id", "file")
-#: A number with a decimal comma or without decimals, and one whose comma may mark thousands instead.
+#: A number with a decimal comma or without decimals.
 _WITH_COMMA = re.compile(r"[+-]?\d*,?\d+(?:[eE][+-]?\d+)?")
-_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -189,7 +188,7 @@ def _with_decimal_points(values: Sequence[str], *, are_decimals: bool) -> tuple[
     """Return the values of a column with points for decimal commas, where all are numbers and none are thousands."""
     known = [value for value in values if value]
     with_comma = [value for value in known if "," in value]
-    may_be_thousands = not are_decimals and all(map(_THOUSANDS.fullmatch, with_comma))
+    may_be_thousands = not are_decimals and all(map(THOUSANDS.fullmatch, with_comma))
     if not with_comma or may_be_thousands or not all(map(_WITH_COMMA.fullmatch, known)):
         return tuple(values)
     return tuple(value.replace(",", ".") for value in values)

@@ -24,7 +24,7 @@ NUM_PERMUTATIONS, SEED = 999, 0
 SEQUENTIAL, MARGINAL = "I", "II"
 SUMS_OF_SQUARES = (SEQUENTIAL, MARGINAL)
 #: A column adds nothing to those before it if less than this part of it is new.
-_NOTHING = 1e-8
+_NO_COLUMN = 1e-8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -372,7 +372,7 @@ def _basis(terms: Iterable[FloatArray], num: int) -> FloatArray:
     fit = np.full((num, 1), num**-0.5)
     for columns in terms:
         new, sizes, _ = np.linalg.svd(columns - fit @ (fit.T @ columns), full_matrices=False)
-        fit = np.hstack([fit, new[:, sizes > _NOTHING * np.linalg.norm(columns)]])
+        fit = np.hstack([fit, new[:, sizes > _NO_COLUMN * np.linalg.norm(columns)]])
     return fit
 
 

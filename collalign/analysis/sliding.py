@@ -26,9 +26,9 @@ Criterion: TypeAlias = Literal["bending", "procrustes"]
 CRITERIA: tuple[Criterion, ...] = ("bending", "procrustes")
 #: Rounds at most. Sliding has settled when the squared size of the sum of all shapes, over their number, changes by
 #: no more than this. Both are the defaults of geomorph's ``gpagen``.
-_MAX_SLIDES, _SETTLED = 9, 1e-4
+_MAX_SLIDES, _SLID_ENOUGH = 9, 1e-4
 #: Nearest points through which the tangent plane of a semilandmark of a surface is laid, itself among them.
-_AROUND = 5
+_NUM_AROUND = 5
 
 
 @one_blas_thread()
@@ -100,7 +100,7 @@ def slide_semilandmarks(
         aligned, rotations = slid @ np.swapaxes(turns, 1, 2), turns @ rotations
         mean = aligned.mean(axis=0)
         mean /= np.linalg.norm(mean - mean.mean(axis=0))
-        if abs(size - before) <= _SETTLED:
+        if abs(size - before) <= _SLID_ENOUGH:
             break
     return read_only(points)
 
@@ -137,7 +137,11 @@ def _tangents(
     along = shape[sliders[:, 2]] - shape[sliders[:, 0]]
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), np.finfo(float).tiny)
     chosen = np.asarray(surfaces, dtype=np.int64)
-    near = cKDTree(shape).query(shape[chosen], min(_AROUND, len(shape)))[1] if len(chosen) else None
+    near = (
+        cKDTree(shape).query(shape[chosen], min(_NUM_AROUND, len(shape)))[1]
+        if len(chosen)
+        else None
+    )
     planes = np.empty((0, 2, 3))
     if near is not None:
         around = shape[near] - shape[near].mean(axis=1, keepdims=True)

@@ -64,7 +64,7 @@ end_with_parent(int(sys.argv.pop(1)), lambda: os.kill(os.getpid(), signal.SIGTER
 sys.exit(main())
 """
 #: How long a command may take to end in order.
-_PATIENCE_S = 20.0
+_LEAVE_TO_END_S = 20.0
 
 
 class Workspace:
@@ -253,7 +253,7 @@ class Workspace:
             if self._process is not None:
                 self._process.terminate()
                 try:
-                    self._process.wait(_PATIENCE_S)
+                    self._process.wait(_LEAVE_TO_END_S)
                 except TimeoutExpired:
                     self._process.kill()
                     self._process.wait()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -13,13 +12,12 @@ from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
+from urllib.parse import urlsplit
 
 from data_tools.errors import CollalignError, OptionsError, RunLost
 
 try:
     from distributed import Client, Future, KilledWorker, WorkerPlugin
-    from distributed.comm.addressing import parse_address, parse_host_port
-    from distributed.comm.registry import backends
 except ImportError as error:
     raise OptionsError(
         f"--scheduler needs Dask, which cannot be imported ({error}); install it with: pip install 'collalign[dask]'"
@@ -30,7 +28,9 @@ __all__ = ["Cluster", "Future", "KilledWorker", "WorkerPlugin"]
 
 Answer = TypeVar("Answer")
 
-#: Until somebody listens at the address, and as long again until that turns out to be a scheduler.
+#: How schedulers are reached.
+_PROTOCOLS = ("tcp", "tls", "ws", "wss", "ucx")
+#: Until a scheduler answers at the address.
 _CONNECT_TIMEOUT_S = 12.0
 #: Until the first worker joins or a question is answered, and how fast at least what is sent with it goes out.
 _ANSWER_TIMEOUT_S, _LEAST_BYTES_PER_S = 25.0, 5e7
@@ -68,7 +68,7 @@ class Cluster:
         CollalignError
             If the workers have other versions installed.
         """
-        _wait_for_listener(address)
+        _check_address(address)
         with _silent_dask():
             try:
                 client = _within(
@@ -205,33 +205,15 @@ def _within(
     return answer
 
 
-def _wait_for_listener(address: str) -> None:
-    """Wait until a TCP address accepts connections: Dask itself tries a wrong one for long and ends in tracebacks."""
+def _check_address(address: str) -> None:
+    """Refuse what is no address of a scheduler: Dask takes long over it."""
     try:
-        scheme, location = parse_address(address)
-        host, port = parse_host_port(location)
-        if scheme not in backends or not 0 < port < 2**16:
-            raise ValueError(f"no way to reach port {port} by {scheme}")
-        socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
-    except (ValueError, OSError, OverflowError) as error:
-        raise OptionsError(
-            f"scheduler: {address!r} is no address such as tcp://host:8786 ({error})"
-        ) from None
-    if scheme not in ("tcp", "tls"):
-        return
-    deadline = time.monotonic() + _CONNECT_TIMEOUT_S
-    while True:
-        try:
-            socket.create_connection(
-                (host, port), timeout=max(0.1, deadline - time.monotonic())
-            ).close()
-            return
-        except OSError as error:
-            if time.monotonic() > deadline:
-                raise RunLost(
-                    f"{address}: nobody listens there ({error.strerror or error})"
-                ) from None
-        time.sleep(min(0.2, _CONNECT_TIMEOUT_S / 4))
+        parts = urlsplit(address)
+        is_one = parts.scheme in _PROTOCOLS and bool(parts.hostname) and bool(parts.port)
+    except ValueError:  # a port that there is not
+        is_one = False
+    if not is_one:
+        raise OptionsError(f"scheduler: {address!r} is no address such as tcp://host:8786")
 
 
 @contextmanager

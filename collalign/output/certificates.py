@@ -151,7 +151,7 @@ def _known(fields: dict[str, Any]) -> dict[str, Any]:
 #: The arrays of the file other than the samples.
 PROOF_ARRAYS = ("edges", "frames", "tilts", "diagonal", "num_cells", "depths", "bound")
 #: Numbers beyond this are refused: their products would overflow.
-_LARGEST = 1e50
+_LARGEST_MULTIPLIER = 1e50
 
 
 def check_collection(
@@ -187,7 +187,7 @@ def _check(
     tilts = as_floats(arrays["tilts"], "tilts", shape=(len(edges), 3, 3))
     diagonal = as_floats(arrays["diagonal"], "diagonal", shape=(num_shapes, 3, 3))
     frames = as_rotations(as_floats(arrays["frames"], "frames", shape=(num_shapes, 3, 3)), "frames")
-    if max(np.abs(tilts).max(), np.abs(diagonal).max()) > _LARGEST:
+    if max(np.abs(tilts).max(), np.abs(diagonal).max()) > _LARGEST_MULTIPLIER:
         raise InputError("tilts or diagonal: numbers that are too large")
     problems = [problem(i, j) for i, j in edges.tolist()]
     sides = 1 if problems[0].pattern.special_blocks else 2

@@ -33,7 +33,7 @@ from data_tools.notes import percent
 from data_tools.surface.shape import Shape
 
 #: Shapes that a notebook shows by itself.
-_MOST_SHOWN = 12
+_MOST_IN_NOTEBOOK = 12
 #: Where reports of results that are not saved lie while this process lasts: a browser may show them.
 _SHOWN: list[TemporaryFolder] = []
 
@@ -61,7 +61,7 @@ def open_report(collection: CollectionData) -> ReportView:
 
 def gallery(collection: CollectionData) -> str:
     """Return HTML of the least sure shapes: by name if in doubt, in a frame, and in a picture for where none is."""
-    order = np.argsort(np.nan_to_num(collection.confidence), kind="stable")[:_MOST_SHOWN]
+    order = np.argsort(np.nan_to_num(collection.confidence), kind="stable")[:_MOST_IN_NOTEBOOK]
     rows = [
         f"<tr><td>{html.escape(one.name)}</td><td>{percent(one.confidence)}</td></tr>"
         for one in (collection[at] for at in order.tolist() if collection.is_doubtful[at])

@@ -103,7 +103,7 @@ def _spread(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, FloatArr
 
 #: A report holds about this many triangles in all, but each shape between the two limits.
 _FACES_IN_ALL = 200_000
-FEWEST_FACES, _MOST = 1_500, 4_000
+FEWEST_FACES, _MOST_FACES = 1_500, 4_000
 #: No collection holds more triangles than this: of many thousand shapes each has fewer than :data:`FEWEST_FACES`.
 _MOST_IN_ALL = 4_000_000
 
@@ -111,7 +111,9 @@ _MOST_IN_ALL = 4_000_000
 def faces_per_shape(num_shapes: int) -> int:
     """Return triangles per shape that keep a report of ``num_shapes`` shapes small enough to send."""
     num = max(num_shapes, 1)
-    return min(int(np.clip(_FACES_IN_ALL // num, FEWEST_FACES, _MOST)), max(_MOST_IN_ALL // num, 1))
+    return min(
+        int(np.clip(_FACES_IN_ALL // num, FEWEST_FACES, _MOST_FACES)), max(_MOST_IN_ALL // num, 1)
+    )
 
 
 def display_mesh(
@@ -146,7 +148,7 @@ _LIGHT = np.array([0.3, 0.5, 0.81])
 BONE_COLOUR = np.array([0.85, 0.8, 0.68])
 _CELL_INCHES = 1.5
 #: In cells: of a row with its line of text, and of the space left free around a shape.
-_ROW_HEIGHT, _MARGIN = 1.2, 0.03
+_ROW_HEIGHT, _PANEL_MARGIN = 1.2, 0.03
 #: From the cell of a shape before alignment to the one after.
 _RIGHT = np.array([1.0, 0.0])
 #: Half the time of the usual level, for 4 % more bytes.
@@ -205,9 +207,9 @@ def contact_sheet(tiles: Iterable[Tile], frame: NamedFrame = UNNAMED) -> Figure:
         flipped = bool(np.linalg.det(linear) < 0)
         panels.append(seen_panel(moved, shape.faces, corner + _RIGHT, BONE_COLOUR, flipped=flipped))
         words: dict[str, Any] = {"fontsize": 7, "va": "bottom", "parse_math": False}
-        axes.text(corner[0] + _MARGIN, corner[1] + 1.0, shape.name, **words)
+        axes.text(corner[0] + _PANEL_MARGIN, corner[1] + 1.0, shape.name, **words)
         if not np.isnan(confidence):
-            right = corner[0] + 2.0 - _MARGIN
+            right = corner[0] + 2.0 - _PANEL_MARGIN
             axes.text(
                 right,
                 corner[1] + 1.0,
@@ -245,7 +247,7 @@ def seen_panel(
     colours = np.broadcast_to(colours, vertices.shape)
     if not len(faces):
         order = np.argsort(points[:, 2])
-        depth = np.clip(0.6 + 0.4 * points[order, 2:] / (0.5 - _MARGIN), 0.0, 1.0)
+        depth = np.clip(0.6 + 0.4 * points[order, 2:] / (0.5 - _PANEL_MARGIN), 0.0, 1.0)
         return flat[order], depth * colours[order]
     corners = points[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -268,7 +270,7 @@ def cell_places(points: FloatArray, vertices: FloatArray, corner: FloatArray) ->
     """
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     places = (points - 0.5 * (low + high)) / (0.5 * (high - low)[:2].max() or 1.0)
-    return (0.5 - _MARGIN) * places + np.append(corner + 0.5, 0.0)
+    return (0.5 - _PANEL_MARGIN) * places + np.append(corner + 0.5, 0.0)
 
 
 def draw_panels(axes: Any, panels: list[Panel]) -> None:

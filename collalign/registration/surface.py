@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
+from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only, rms_length
 from data_tools.embedding.sampling import farthest_points
 from data_tools.embedding.surface_points import cloud_rim, plane_normals
 from data_tools.poses import moved_by, scales_of
@@ -111,7 +111,7 @@ class RegistrationSurface:
             oriented=oriented,
             on_rim=read_only(on_rim),
             spread=spread,
-            radius=float(np.sqrt((centred**2).sum(axis=1).mean())),
+            radius=rms_length(centred),
         )
 
     def placed(self, pose: FloatArray) -> RegistrationSurface:

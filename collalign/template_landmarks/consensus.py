@@ -25,9 +25,9 @@ _CUTOFF = 6.0
 _NUM_STEPS, _LEAST_PART = 60, 1e-6
 #: Another order explains distances if they are at most this share of what they are in the present order, and these
 #: are at least so many times the usual distance. Checked on 14 mouse skulls.
-_EXPLAINED, _FAR = 0.5, 3.0
+_EXPLAINED, _FAR_OFF = 0.5, 3.0
 #: Fewest landmarks that make a shift, and a reversed order; the share of landmarks that must fit either.
-_FEWEST_SHIFTED, _FEWEST_REVERSED, _MOST = 3, 4, 0.8
+_FEWEST_SHIFTED, _FEWEST_REVERSED, _MOST_LANDMARKS = 3, 4, 0.8
 #: Errors of templates, each predicted from the others, are named beyond so many times the median one, if they are at
 #: least this part of the radius: a hand errs as much.
 _NAMED, _LEAST_NAMED = 10.0, 0.05
@@ -189,9 +189,9 @@ def reordered(own: FloatArray, other: FloatArray) -> IntArray:
         apart = gaps[chain, chain]
         if np.isfinite(apart).any():
             before = float(np.nanmean(apart))
-            wrong = after <= _EXPLAINED * before and before >= _FAR * usual
+            wrong = after <= _EXPLAINED * before and before >= _FAR_OFF * usual
         else:
-            wrong = after <= _FAR * usual
+            wrong = after <= _FAR_OFF * usual
         if wrong:
             moved[chain] = [to[row] for row in chain]
     return moved
@@ -228,10 +228,10 @@ def _named(
     every, shared = rows.tolist(), np.flatnonzero(both)
     backwards = dict(zip(shared.tolist(), shared[::-1].tolist(), strict=True))
     fits = np.mean([backwards.get(row) == moved[row] for row in every])
-    if len(every) >= max(_FEWEST_REVERSED, len(shared) / 2) and fits >= _MOST:
+    if len(every) >= max(_FEWEST_REVERSED, len(shared) / 2) and fits >= _MOST_LANDMARKS:
         return [mistake("reversed", every)]
     steps = np.unique((moved[rows] - rows) % len(moved), return_counts=True)[1]
-    if len(every) >= _FEWEST_SHIFTED and steps.max() >= _MOST * len(every):
+    if len(every) >= _FEWEST_SHIFTED and steps.max() >= _MOST_LANDMARKS * len(every):
         return [mistake("shifted", every)]
     found = []
     for chain in _chains({row: int(moved[row]) for row in every}):

@@ -9,7 +9,7 @@ from typing import TypeAlias, TypeVar
 import numpy as np
 from scipy.spatial import cKDTree
 
-from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
+from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only, rms_length
 from data_tools.errors import InputError
 from data_tools.io.shapes import LPS_RAS, CoordinateSystem, declared_system, read_shape
 from data_tools.io.source import Origin
@@ -30,7 +30,7 @@ _NEARER, _MIN_LANDMARKS = 4.0, 4
 #: Landmarks that spread over less, in the same unit, are near any surface through that place.
 _ONE_PLACE = 0.2
 #: A place between samples of a cloud may be as far as most of them are from their third neighbours.
-_AROUND, _MOST = 4, 0.95
+_NTH_NEAREST, _MOST_VERTICES = 4, 0.95
 _Points = TypeVar("_Points", Landmarks, Semilandmarks)
 #: Names, vertices and faces of all specimens.
 Meshes: TypeAlias = Sequence[tuple[str, FloatArray, IntArray]]
@@ -44,8 +44,8 @@ class _Surface:
         self._locator = SurfaceLocator(shape.vertices, shape.faces)
         self._slack = 0.0
         if not shape.is_mesh:  # a landmark may lie between the samples of a cloud
-            around = cKDTree(shape.vertices).query(shape.vertices, k=[_AROUND])[0]
-            self._slack = float(np.quantile(around, _MOST))
+            around = cKDTree(shape.vertices).query(shape.vertices, k=[_NTH_NEAREST])[0]
+            self._slack = float(np.quantile(around, _MOST_VERTICES))
 
     def distances(self, points: FloatArray) -> FloatArray:
         """Return distances of points (q, 3) in root mean square radii, shape (q,)."""
@@ -299,4 +299,4 @@ def _known(sets: Iterable[FloatArray]) -> FloatArray:
 
 
 def _spread(points: FloatArray) -> float:
-    return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    return rms_length(points - points.mean(axis=0))

@@ -34,7 +34,15 @@ from collalign.registration.surface import (
     missing_vertices,
     with_cloud_rim,
 )
-from data_tools.arrays import BoolArray, FloatArray, Holds, IntArray, one_line, read_only
+from data_tools.arrays import (
+    BoolArray,
+    FloatArray,
+    Holds,
+    IntArray,
+    one_line,
+    read_only,
+    rms_length,
+)
 from data_tools.checks import as_options
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import CollectionError, InputError
@@ -231,7 +239,7 @@ def _mean(found: Sequence[Registration], source: Shape, *, is_bent: bool) -> Flo
         unbent(source, copies) if is_bent else copies,
         [one.missing for one in found],
         source.vertices,
-        float(np.sqrt((centred**2).sum(axis=1).mean())),
+        rms_length(centred),
     )
 
 
@@ -422,7 +430,7 @@ def choose_template(files: Sequence[PosedFile]) -> int:
 def _of_unit_size(cloud: FloatArray) -> FloatArray:
     """Return a posed shape centred and scaled: common sizes rest on few samples, by which the medoid would change."""
     centred = cloud - cloud.mean(axis=0)
-    radius = float(np.sqrt((centred**2).sum(axis=1).mean()))
+    radius = rms_length(centred)
     return np.asarray(centred / radius if radius > 0 else centred)
 
 

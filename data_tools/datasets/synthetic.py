@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.arrays import FloatArray, IntArray, read_only, rms_length
 from data_tools.datasets.synthetic_shapes import chair, smooth_field
 from data_tools.embedding.surface_points import centre_and_radius, spread_over_triangles
 from data_tools.errors import InputError, OptionsError
@@ -40,7 +40,7 @@ def bumped(shape: Shape, rng: np.random.Generator, *, rms: float = 0.05) -> Shap
     diagonal = float(np.linalg.norm(np.ptp(shape.vertices, axis=0)))
     field = smooth_field(shape.vertices, rng, num_bumps=NUM_BUMPS, width=0.15 * diagonal)[:, None]
     shift = field * arms / np.linalg.norm(arms, axis=1, keepdims=True)
-    size = float(np.sqrt((shift**2).sum(axis=1).mean()))
+    size = rms_length(shift)
     return _with_vertices(shape, shape.vertices + shift * (rms * diagonal / size))
 
 

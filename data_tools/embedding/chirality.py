@@ -36,7 +36,7 @@ LEAST_FACING = 0.5
 #: skulls of thin sheets (.05) and triangles wound at random (.5); scans (.005) and furniture of boxes (.06).
 MOST_DEFECTS, LARGEST_TRIANGLE = 0.1, 0.03
 #: Random Fourier features of a Gaussian kernel of width 1. With 2000 the scores of teeth change by a tenth.
-NUM_WAVES = 400
+NUM_RANDOM_WAVES = 400
 
 _NUM_FEATURES = len(HKS_TIMES) + len(BULGE_RADII)
 _ROWS, _COLUMNS = np.triu_indices(_NUM_FEATURES, 1)
@@ -255,8 +255,8 @@ def _turning(
     lengths = np.linalg.norm(bivectors, axis=1)
     damped = np.sqrt(surface.areas / np.maximum(lengths, np.finfo(float).tiny))
     rng = np.random.default_rng(0)
-    phases = rng.uniform(0.0, 2.0 * np.pi, NUM_WAVES)
-    angles = corners.mean(axis=1) @ rng.standard_normal((_NUM_FEATURES, NUM_WAVES)) + phases
+    phases = rng.uniform(0.0, 2.0 * np.pi, NUM_RANDOM_WAVES)
+    angles = corners.mean(axis=1) @ rng.standard_normal((_NUM_FEATURES, NUM_RANDOM_WAVES)) + phases
     # Random features are far less accurate than single precision, in which a cosine takes a fraction of the time.
     waves = np.cos(angles.astype(np.float32))
     return damped[:, None] * bivectors, waves, damped * lengths

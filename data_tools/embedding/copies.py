@@ -11,7 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.arrays import FloatArray, IntArray, read_only, rms_length
 from data_tools.notes import Note
 from data_tools.surface.cleaning import share_kept
 from data_tools.surface.shape import Shape
@@ -55,7 +55,7 @@ def shape_signature(shape: Shape) -> FloatArray:
         reflection changes. Read-only.
     """
     centred = shape.vertices - shape.vertices.mean(axis=0)
-    unit = centred / (float(np.sqrt((centred**2).sum(axis=1).mean())) or 1.0)
+    unit = centred / (rms_length(centred) or 1.0)
     radii = np.linalg.norm(unit, axis=1)
     skew, spread = (radii[:, None] ** 2 * unit).mean(axis=0), unit.T @ unit / len(unit)
     rotated = np.array([skew, spread @ skew, spread @ spread @ skew])

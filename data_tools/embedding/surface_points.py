@@ -42,7 +42,7 @@ CLOUD_CELL = 0.1
 #: Neighbours along which the side of a cloud's normals spreads.
 SIDE_NEIGHBOURS = 10
 #: Larger meshes are decimated to so many triangles: their vertices are what is matched.
-MAX_FACES = 40_000
+MOST_MATCHED_FACES = 40_000
 #: Neighbours that a plane is fitted to where there are no triangles.
 NORMAL_NEIGHBOURS = 30
 #: A point of a cloud lies on a rim if so many neighbours leave a gap of more than this angle around it, in radians.
@@ -186,7 +186,7 @@ def _cell_means(
 
 def spread_points(shape: Shape, num: int) -> PartialSurface:
     """Return at most ``num`` Euclidean farthest points of a mesh or point cloud, in its own coordinates."""
-    small = WorkingSurface(shape, SamplingOptions(max_faces=MAX_FACES)).shape
+    small = WorkingSurface(shape, SamplingOptions(max_faces=MOST_MATCHED_FACES)).shape
     chosen = farthest_points(
         small, min(num, len(np.unique(small.vertices, axis=0))), metric="euclidean"
     )

@@ -12,13 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_tools.errors import InputError, UnavailableError
-from data_tools.io.formats.raw_shape import RawShape, no_faces
-from data_tools.io.source import Room, Source
+from data_tools.io.source import Room
 
-#: Names of the points in an NPZ archive of a shape, the first found is read.
-POINT_KEYS = ("vertices", "points", "positions", "xyz", "verts", "V")
-#: Likewise of the triangles.
-FACE_KEYS = ("faces", "triangles", "F")
 _DAMAGE = (
     zipfile.BadZipFile,
     zlib.error,
@@ -125,12 +120,3 @@ def _header(stream: IO[bytes], name: str) -> tuple[tuple[int, ...], bool, np.dty
     except Exception as error:  # it is parsed as Python, which fails in every way there is
         raise InputError(f"{name} is damaged, or no NPY file") from error
     raise InputError(f"{name} is of NPY version {version}, which is not read")
-
-
-def read_npz(source: Source) -> RawShape:
-    """Return the first array of :data:`POINT_KEYS`, and of :data:`FACE_KEYS` if there are any; no pickles."""
-    arrays = load_arrays(source.content, str(source.path))
-    key = next((k for k in POINT_KEYS if k in arrays), None)
-    if key is None:
-        raise InputError(f"{source.path}: holds none of the arrays {', '.join(POINT_KEYS)}")
-    return RawShape(arrays[key], next((arrays[k] for k in FACE_KEYS if k in arrays), no_faces()))

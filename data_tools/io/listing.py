@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Protocol
 
 from data_tools.errors import InputError
-from data_tools.io.archives import read_npz
 from data_tools.io.files import (
     beginning_of,
     natural_key,
@@ -24,6 +23,7 @@ from data_tools.io.files import (
     readable_stem,
 )
 from data_tools.io.formats.gltf import read_gltf
+from data_tools.io.formats.npz import read_npz
 from data_tools.io.formats.obj_off_stl import read_obj, read_off, read_stl
 from data_tools.io.formats.pcd import read_pcd
 from data_tools.io.formats.ply import read_ply

@@ -30,6 +30,8 @@ _COMMENT = re.compile(
 _NO_NUMBER = re.compile(r"1\.#\w+|nan\(\w*\)", re.IGNORECASE)
 #: A number with a decimal point or comma.
 _NUMBER = re.compile(r"[+-]?(?:(?:\d+(?:\.\d*|,\d+)?|[.,]\d+)(?:[eE][+-]?\d+)?|(?i:inf(?:inity)?))")
+#: A number whose comma may mark thousands instead of decimals.
+THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 _BETWEEN_NUMBERS = re.compile(r"\d[ ]+[-+.\d]")
 #: None inside of others: a heading of brackets takes no time.
 _BRACKETS = re.compile(r"[(\[{][^()\[\]{}]*[)\]}]")

@@ -17,7 +17,7 @@ DISTANCE = 0.9
 #: Standard deviation of the Gaussian that takes the steps of the cells from the distances, in cells.
 SMOOTHING = 0.6
 #: Cells around the object that are empty.
-_MARGIN = 4
+_MARGIN_CELLS = 4
 
 
 def joined_surface(mesh: Shape) -> Shape:
@@ -58,9 +58,9 @@ def _occupied_cells(mesh: Shape) -> tuple[FloatArray, float, BoolArray]:
     corners = mesh.vertices[mesh.faces]
     first, last = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     size = float(np.linalg.norm(last - first)) / NUM_CELLS
-    corner = first - _MARGIN * size
+    corner = first - _MARGIN_CELLS * size
     cells = np.floor((_points_on(corners, size / 2) - corner) / size).astype(np.int64)
-    occupied = np.zeros(np.ceil((last - corner) / size).astype(int) + _MARGIN, dtype=np.bool_)
+    occupied = np.zeros(np.ceil((last - corner) / size).astype(int) + _MARGIN_CELLS, dtype=np.bool_)
     occupied[tuple(cells.T)] = True
     return corner, size, occupied
 

@@ -8,7 +8,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -18,13 +17,16 @@ from collalign.engine.records import Record
 from collalign.engine.session import Session
 from collalign.output.collection import Collection
 from collalign.products.pair import are_weighed
-from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.io.objects import list_shapes
-from data_tools.io.shapes import read_shape, write_mesh
-from data_tools.rotations import random_rotation
-from data_tools.surface.shape import Shape
-from experiments.collections.landmarked import CLASSES, MORE_CLASSES, RIGHT_DEG, read_dataset
-from experiments.collections.posed import GROSS_DEG, MIRRORED_DEG, PosedCollection, pose_collection
+from experiments.collections import scoreboard
+from experiments.collections.posed import GROSS_DEG
+from experiments.collections.scoreboard import (
+    FIGURES,
+    compare,
+    draw_set,
+    figures_of,
+    members_of,
+)
 from experiments.collections.switches import (
     ALWAYS,
     BENT,
@@ -36,99 +38,58 @@ from experiments.collections.switches import (
     Remembered,
     switched_off,
 )
-from experiments.confidence.families import FAMILIES, NUM_VERTICES, Family, pose_family
 from experiments.confidence.reliability import SURE, USABLE
-from experiments.datasets import read_canonical_class
 from experiments.experiment import Bench, Cell, Experiment, Outcome
-from experiments.pairs.incomplete import without_share
-from experiments.peers.bones import bone
 from experiments.tables import Column, Row, Table
 
-CAPOD_FOLDER, CAPOD = "capod7", ("guitar", "spider", "dolphin", "gun", "horse", "piano")
-#: Collections by what they are called: where their shapes come from, and how many are drawn.
-SETS: dict[str, dict[str, Any]] = {
-    **{name: {"source": name, "shapes": 8} for name in (*CLASSES, *MORE_CLASSES, *CAPOD)},
-    "scape": {"source": "scape", "shapes": 10},
-    "armadillo": {"source": "armadillo", "shapes": 10},
-    "teeth": {"source": "teeth", "shapes": 12},
-    "teeth, sparse": {"source": "teeth", "shapes": 24, "pairs": "adaptive"},
-    "mouse skulls": {"source": "mouse skulls", "shapes": 10},
-    "few humans": {"source": "human", "shapes": 6},
-    "few planes": {"source": "plane", "shapes": 6},
-    "teeth, two cut": {"source": "teeth", "shapes": 10, "cut": 2},
-    "skulls, two cut": {"source": "mouse skulls", "shapes": 10, "cut": 2},
-    "crowns, mirrored": {"source": "crowns, mirrored", "shapes": 10},
-    "hard chairs": {"source": "chairs, bumpy", "shapes": 10},
-    "bent figures": {"source": "bent figures", "shapes": 9},
-    "chairs, four copies": {"source": "chairs", "shapes": 8, "copies": 4},
-    "long bones": {"source": "long bones", "shapes": 12},
-}
-NUM_DRAWS = 2
-#: Share of a shape that is cut off.
-CUT_SHARE = 0.35
-VERSION = "2"
-
-LONG_BONES = Family(
-    members=lambda num, rng: tuple(
-        bone(*sphere_mesh(NUM_VERTICES), rng, f"bone{i:02d}") for i in range(num)
-    )
-)
+VERSION = "3"
 
 _ABOUT = f"""
-Every collection in random poses at default options, {NUM_DRAWS} draws; then the same again with one mechanism of a
-run switched off, shapes and pairs from the same store. A row sums all collections, and says what the mechanism moves:
-*gross* are pairs beyond {GROSS_DEG:.0f} deg (mirrored ones among them), *wrong and sure* are shapes beyond
-{RIGHT_DEG:.0f} deg at {SURE} or more, *right and usable* are shapes within, at {USABLE} or more, *median* is the mean
-over collections of the median error of pairs. A mechanism is switched off only where it can do anything; elsewhere
-the figures of the complete run count. Weights are not fitted again. Refinement, rival poses and mirror images are
-computed once for the same arguments; the time saved is what a run without that would save.
+Every collection of the [scoreboard](scoreboard.md) in its random poses, at default options; then the same again with
+one mechanism of a run switched off, shapes and pairs from the same store. A row joins all collections, and says what
+the mechanism moves. Its figures mean what they mean there; *wrong* are shapes beyond {GROSS_DEG:.0f} degrees. A
+mechanism is switched off only where it can do anything; elsewhere the figures of the complete run count. Weights are
+not fitted again. Refinement, rival poses and mirror images are computed once for the same arguments; the time saved
+is what a run without that would save.
 """
 
 _TEXT = """
-**What went.** The runs of this page knew three more mechanisms. A second start of the synchronization, and the
+**What went.** Earlier runs knew three more mechanisms. A second start of the synchronization, and the
 comparison of what both starts lead to, moved no pose of any run. Eigenvectors alone gave the same poses as reweighted
-averaging before them on eight of these collections, and were as good on 21 planted graphs. Weights of near pairs in
+averaging before them on eight collections, and were as good on 21 planted graphs. Weights of near pairs in
 refinement moved the mean median error by .02 deg, better without them.
 
 **What stays without a figure here.** Turns common to wrong pairs keep shapes whose pairs are wrong alike from high
 confidences. On 20 planted graphs (100 shapes, 10 pairs each, 30 % flips, one candidate a pair; seeds 2000 to 2019)
 3 of 1844 shapes stated at .95 are wrong with them, and 28 of 1972 without. With four candidates a pair nothing
-moves. Growing the graph, ties, shapes that resemble no other and scans are for collections that
-are not among these. Doubts settled by maps move little among eight or ten shapes. In two draws of twenty, 36 of 40
-planes and 34 of 40 humans are usable with them, 27 and 23 without. Averages over seven ways are worth 5 deg on ants,
-which one collection of birds with three wrong shapes hides in the mean.
-
-**What to look at next.** Rotations that neighbourhoods propose take a tenth of a run, and gain one armadillo. Five of
-nine bent figures are the wrong way round in one draw, and four of ten mirrored crowns on the wrong side: half of all
-wrong shapes, and most of the mean median error. The figures are right without neighbourhoods.
+moves. Copies and growing the graph are for collections that are not among these.
 """
 
 
 def measure_collection(cell: Cell) -> Record:
     """Align a collection with everything, and with each mechanism switched off.
 
-    Settings: those of :data:`SETS`, ``seed``, and ``switches``.
+    Settings: ``switches``, and those of :func:`experiments.collections.scoreboard.draw_set`.
 
     Returns
     -------
     dict
-        By switch, "" for the complete run: ``pairs`` and ``shapes`` (errors in degrees), ``confidence``, and
+        By switch, "" for the complete run: what :func:`experiments.collections.scoreboard.compare` says, and
         ``saved_s``: CPU time less than that of the complete run from the same stored results on.
     """
-    settings, remembered = cell.settings, Remembered()
+    remembered = Remembered()
     with remembered.used(), tempfile.TemporaryDirectory() as name:
         root = Path(name)
         (root / "shapes").mkdir()
-        posed = posed_set(settings, cell.data, root / "shapes")
-        options = AlignOptions(pairs=settings.get("pairs", "auto"))
-        stores = Stores(root, options, remembered)
-        record: Record = {"": facts(stores.complete, posed)}
-        for name in settings["switches"]:
+        drawn = draw_set(cell, root / "shapes")
+        stores = Stores(root, remembered)
+        record: Record = {"": compare(stores.complete, drawn)}
+        for name in cell.settings["switches"]:
             switch = SWITCHES[name]
             if applies(switch.where, stores.complete):
                 with switched_off(switch):
                     found, processor_s = stores.run(switch.since)
-                record[name] = facts(found, posed) | {
+                record[name] = compare(found, drawn) | {
                     "saved_s": stores.complete_s[switch.since] - processor_s
                 }
         return record
@@ -141,7 +102,6 @@ class Stores:
     ----------
     root : Path
         Holds the folder ``shapes``, and gets the stores.
-    options : AlignOptions
     remembered : Remembered
         In use.
 
@@ -153,9 +113,8 @@ class Stores:
         Its CPU time by what was taken from a store.
     """
 
-    def __init__(self, root: Path, options: AlignOptions, remembered: Remembered) -> None:
-        self._root, self._options = root, options
-        self._remembered = remembered
+    def __init__(self, root: Path, remembered: Remembered) -> None:
+        self._root, self._remembered, options = root, remembered, AlignOptions()
         with Session.open(options, RunOptions(jobs=1, store=self._path(SHAPES))) as session:
             matched_samples(session, list_shapes(root / "shapes"))
         _, pairs_s = self._fill(PAIRS, SHAPES, replace(options, maps="never"))
@@ -166,7 +125,7 @@ class Stores:
     def run(self, since: str) -> tuple[Collection, float]:
         """Align from a copy of a store; also return the seconds of CPU time."""
         with tempfile.TemporaryDirectory() as name:
-            return self._align(self._options, Path(shutil.copy(self._path(since), name)))
+            return self._align(AlignOptions(), Path(shutil.copy(self._path(since), name)))
 
     def _fill(self, kind: str, before: str, options: AlignOptions) -> tuple[Collection, float]:
         return self._align(options, Path(shutil.copy(self._path(before), self._path(kind))))
@@ -189,74 +148,21 @@ def applies(where: str, complete: Collection) -> bool:
     return {ALWAYS: True, BENT: are_weighed(complete.pairs), OPEN: is_open}[where]
 
 
-def facts(found: Collection, posed: PosedCollection) -> Record:
-    """Return the errors of pairs and shapes in degrees, 180 where mirrored, and the confidences."""
-    return {
-        "pairs": np.nan_to_num(
-            posed.pair_errors_deg(found.rotations, found.names), nan=MIRRORED_DEG
-        ),
-        "shapes": posed.shape_errors_deg(found.rotations, found.names),
-        "confidence": np.array(found.confidence),
-    }
-
-
-def posed_set(settings: dict[str, Any], data: Path, folder: Path) -> PosedCollection:
-    """Write a draw of a collection of :data:`SETS` in random poses."""
-    rng = np.random.default_rng(settings["seed"])
-    source, num = settings["source"], settings["shapes"]
-    family = {"long bones": LONG_BONES, **FAMILIES}.get(source)
-    if family is not None:
-        posed = pose_family(family, num, folder, rng)
-    else:
-        dataset = (
-            read_canonical_class(data / CAPOD_FOLDER / source)
-            if source in CAPOD
-            else read_dataset(source, data)
-        )
-        posed = pose_collection(dataset, rng.permutation(len(dataset))[:num], folder, rng)
-    for name in posed.names[: settings.get("cut", 0)]:
-        file = folder / f"{name}.ply"
-        write_mesh(file, without_share(read_shape(file), rng.standard_normal(3), CUT_SHARE))
-    return with_copies(posed, settings.get("copies", 0), rng)
-
-
-def with_copies(posed: PosedCollection, num: int, rng: np.random.Generator) -> PosedCollection:
-    """Add copies of the first shape in random poses."""
-    rotations = [random_rotation(rng) for _ in range(num)]
-    first = read_shape(posed.folder / f"{posed.names[0]}.ply")
-    names = tuple(f"copy{i}" for i in range(num))
-    for name, rotation in zip(names, rotations, strict=True):
-        write_mesh(
-            posed.folder / f"{name}.ply",
-            Shape.from_arrays(first.vertices @ rotation.T, first.faces, name=name),
-        )
-    to_first = np.stack([*posed.relative[0], *(rotation.T for rotation in rotations)])  # R_first_i
-    relative = np.swapaxes(to_first, 1, 2)[:, None] @ to_first
-    given = len(posed.names)
-    relative[:given, :given] = posed.relative
-    return replace(posed, names=(*posed.names, *names), relative=relative)
-
-
 def row_of(name: str, records: Sequence[Record]) -> Row:
     """Return the row of a switch, summed over the draws of all collections; "" is the complete run."""
     changed = [record for record in records if name in record]
-    rows = [record[name if name in record else ""] for record in records]
-    pairs = np.concatenate([row["pairs"] for row in rows])
-    wrong = np.concatenate([row["shapes"] > RIGHT_DEG for row in rows])
-    confidence = np.concatenate([row["confidence"] for row in rows])
+    own = [record[name if name in record else ""] for record in records]
     others = [(record[name], record[""]) for record in changed] if name else []
+    shapes = np.concatenate([one["shape_deg"] for one in own])
     return {
         "off": name or "nothing",
         "runs": len(changed),
-        "differ": sum(not np.allclose(own["pairs"], one["pairs"], atol=0.1) for own, one in others),
-        "gross": 100.0 * float((pairs > GROSS_DEG).mean()),
-        "wrong": int(wrong.sum()),
-        "median": float(np.mean([np.median(row["pairs"]) for row in rows])),
-        "sure": int((confidence >= SURE).sum()),
-        "wrong_sure": int((wrong & (confidence >= SURE)).sum()),
-        "right": int((~wrong).sum()),
-        "usable": int((~wrong & (confidence >= USABLE)).sum()),
-        "saved": float(sum(own["saved_s"] for own, _ in others)),
+        "differ": sum(
+            not np.allclose(one["pair_deg"], before["pair_deg"], atol=0.1) for one, before in others
+        ),
+        "wrong": int((shapes > GROSS_DEG).sum()),
+        **figures_of(own),
+        "saved": float(sum(one["saved_s"] for one, _ in others)),
     }
 
 
@@ -264,32 +170,34 @@ COLUMNS = (
     Column(key="off", title="switched off"),
     Column(key="runs", title="runs"),
     Column(key="differ", title="of these with other poses"),
-    Column(key="gross", title="gross pairs, %", format=".2f"),
     Column(key="wrong", title="wrong shapes"),
-    Column(key="median", title="median, deg", format=".2f"),
-    Column(key="sure", title=f"shapes at {SURE}"),
-    Column(key="wrong_sure", title="wrong and sure"),
-    Column(key="right", title="right"),
-    Column(key="usable", title="right and usable"),
+    *(
+        Column(key=key, title=title, format=form)
+        for key, (title, form) in FIGURES.items()
+        if key != "processor_s"
+    ),
     Column(key="saved", title="CPU time saved, s", format=".1f", clock=True),
 )
 
 
 def measure(bench: Bench) -> Outcome:
-    """Measure all collections; with ``--quick`` one draw of four generated chairs."""
-    sets = {"hard chairs": {**SETS["hard chairs"], "shapes": 4}} if bench.quick else SETS
-    draws = range(1 if bench.quick else NUM_DRAWS)
-    bench.seeds.update(draws)
+    """Measure all collections of the scoreboard."""
+    members, draws = members_of(bench)
     cells = {
-        f"{name}, draw {seed}": {**given, "seed": seed, "switches": tuple(SWITCHES)}
-        for seed in draws
-        for name, given in sets.items()
+        f"{label}, draw {draw}": {
+            "set": key,
+            "name": name,
+            "draw": draw,
+            "switches": tuple(SWITCHES),
+        }
+        for draw in draws
+        for label, (key, name) in members.items()
     }
     records = bench.measure(measure_collection, cells, version=VERSION)
     rows = tuple(row_of(name, list(records.values())) for name in ("", *SWITCHES))
     sets_rows = tuple(
-        {"set": name, **row_of("", [records[f"{name}, draw {seed}"] for seed in draws])}
-        for name in sets
+        {"set": label, **row_of("", [records[f"{label}, draw {draw}"] for draw in draws])}
+        for label in members
     )
     moved = tuple(
         {"set": label, **row_of(switch, [record]), "off": switch}
@@ -315,7 +223,7 @@ def measure(bench: Bench) -> Outcome:
 
 def moves(own: Record, complete: Record) -> bool:
     """Whether a switch turns a shape right or wrong, or makes it sure or usable or not so."""
-    limits = (("shapes", RIGHT_DEG), ("confidence", SURE), ("confidence", USABLE))
+    limits = (("shape_deg", GROSS_DEG), ("stated", SURE), ("stated", USABLE))
     return any(
         not np.array_equal(own[kind] >= limit, complete[kind] >= limit) for kind, limit in limits
     )
@@ -326,6 +234,6 @@ EXPERIMENT = Experiment(
     title="Ablation: what each mechanism of a run is worth",
     about=_ABOUT,
     measure=measure,
-    collections=("teeth_pnas116", "shrec07_dev", "mouse_skulls62", "scape71", "capod7"),
-    seen=("teeth", "shrec07", "capod", "scape"),
+    collections=scoreboard.EXPERIMENT.collections,
+    seen=scoreboard.EXPERIMENT.seen,
 )

@@ -203,15 +203,20 @@ def measure_set(cell: Cell) -> Record:
         ``pair_deg`` (E,) of the pairs that count, ``shape_deg`` (n,), NaN where a shape is compared with none, and
         ``stated`` (n,); ``processor_s``.
     """
-    name, draw = cell.settings["name"], cell.settings["draw"]
-    rng = np.random.default_rng([draw, *cell.settings["set"].encode(), *name.encode()])
     with tempfile.TemporaryDirectory() as text:
         folder = Path(text)
-        posed = SETS[cell.settings["set"]][1](name, cell.data, folder, rng)
-        drawn = Drawn(posed=posed, kinds=kinds_of(name, posed.names))
+        drawn = draw_set(cell, folder)
         with stopwatch() as elapsed:
             aligned = align_collection(folder, run=RunOptions(jobs=1), progress=False)
     return {**compare(aligned, drawn), "processor_s": elapsed.processor_s}
+
+
+def draw_set(cell: Cell, folder: Path) -> Drawn:
+    """Write one draw of a collection in random poses; settings as in :func:`measure_set`."""
+    key, name, draw = (cell.settings[word] for word in ("set", "name", "draw"))
+    rng = np.random.default_rng([draw, *key.encode(), *name.encode()])
+    posed = SETS[key][1](name, cell.data, folder, rng)
+    return Drawn(posed=posed, kinds=kinds_of(name, posed.names))
 
 
 def kinds_of(name: str, names: tuple[str, ...]) -> tuple[str, ...]:
@@ -303,25 +308,33 @@ RELIABILITY = (
 )
 
 
-def row_of(name: str, records: list[Record], code: str, before: Mapping[str, str] | None) -> Row:
-    """Return the row of a set: its figures, and those of the code before where they are known."""
-    pairs = np.concatenate([record["pair_deg"] for record in records])
-    shapes = np.concatenate([record["shape_deg"] for record in records])
-    stated = np.concatenate([record["stated"] for record in records])
+def figures_of(records: Sequence[Record]) -> Row:
+    """Return the :data:`FIGURES` of some records together, but for the time."""
+    pairs, shapes, stated = (
+        np.concatenate([record[key] for record in records])
+        for key in ("pair_deg", "shape_deg", "stated")
+    )
     right, wrong = shapes <= GROSS_DEG, shapes > GROSS_DEG
-    row: dict[str, Any] = {
-        "set": name,
-        "runs": len(records),
-        "shapes": len(shapes),
+    return {
         "gross": 100.0 * float((pairs > GROSS_DEG).mean()),
         "median": float(np.median(pairs)),
         "sure": int((stated >= SURE).sum()),
         "wrong_sure": int((wrong & (stated >= SURE)).sum()),
         "usable": 100.0 * float((stated[right] >= USABLE).mean()) if right.any() else None,
+    }
+
+
+def row_of(name: str, records: list[Record], code: str, before: Mapping[str, str] | None) -> Row:
+    """Return the row of a set: its figures, and those of the code before where they are known."""
+    row: Row = {
+        "set": name,
+        "runs": len(records),
+        "shapes": sum(len(record["shape_deg"]) for record in records),
+        **figures_of(records),
         "processor_s": float(sum(record["processor_s"] for record in records)),
         "code": code,
     }
-    return row | _before(code, before)
+    return {**row, **_before(code, before)}
 
 
 def _before(code: str, measured: Mapping[str, str] | None) -> dict[str, Any]:
@@ -375,21 +388,26 @@ def write_reliability(rows: Sequence[Row], file: Path) -> None:
     write_atomic(file, "".join(["stated,right\n", *lines]).encode())
 
 
-def measure(bench: Bench) -> Outcome:
-    """Measure all sets; with ``--quick`` one draw of one generated family."""
+def members_of(bench: Bench) -> tuple[dict[str, tuple[str, str]], range]:
+    """Return set and collection by label, and the draws; with ``--quick`` one draw of one generated family."""
     sets = {"generated families": (("chairs",), _family)} if bench.quick else SETS
-    draws, code = range(1 if bench.quick else NUM_DRAWS), code_digest(ROOT)
+    draws = range(1 if bench.quick else NUM_DRAWS)
     bench.seeds.update(draws)
-    members = {(key, name): f"{key}: {name}" for key, (names, _) in sets.items() for name in names}
+    return {
+        f"{key}: {name}": (key, name) for key, (names, _) in sets.items() for name in names
+    }, draws
+
+
+def measure(bench: Bench) -> Outcome:
+    """Measure all sets."""
+    (members, draws), code = members_of(bench), code_digest(ROOT)
     cells: dict[str, dict[str, Any]] = {
         f"{label}, draw {draw}": {"set": key, "name": name, "draw": draw, "code": code}
         for draw in draws
-        for (key, name), label in members.items()
+        for label, (key, name) in members.items()
     }
     found = bench.measure(measure_set, cells)
-    records = {
-        label: [found[f"{label}, draw {draw}"] for draw in draws] for label in members.values()
-    }
+    records = {label: [found[f"{label}, draw {draw}"] for draw in draws] for label in members}
 
     def table(groups: Mapping[str, Sequence[str]], name: str = "", caption: str = "") -> Table:
         file = "_".join(filter(None, ("scoreboard", name))) + ".csv"
@@ -402,7 +420,9 @@ def measure(bench: Bench) -> Outcome:
         )
         return Table(columns=COLUMNS, rows=tuple(rows), name=name, caption=caption)
 
-    by_set = {key: [label for (of, _), label in members.items() if of == key] for key in sets}
+    by_set: dict[str, list[str]] = {}
+    for label, (key, _) in members.items():
+        by_set.setdefault(key, []).append(label)
     every = [one for of in records.values() for one in of]
     stated, errors_deg = (
         np.concatenate([one[key] for one in every]) for key in ("stated", "shape_deg")

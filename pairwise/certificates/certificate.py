@@ -6,9 +6,8 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
-from os.path import isfile
+from pathlib import Path
 from typing import Any
-from zipfile import ZIP_DEFLATED, ZIP_STORED
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,11 +16,13 @@ from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray, as_points, read_only
 from data_tools.errors import InputError
+from data_tools.io.archives import load_arrays
+from data_tools.io.files import open_regular
 from pairwise.problem import Problem
 from pairwise.rotation_pattern import RotationPattern
 
 #: Numbers beyond this, in the problem's own unit, are refused: their products would overflow.
-LARGEST = 1e100
+LARGEST_VALUE = 1e100
 
 
 def in_unit(values: FloatArray, exponent: int, name: str) -> FloatArray:
@@ -30,11 +31,11 @@ def in_unit(values: FloatArray, exponent: int, name: str) -> FloatArray:
     Raises
     ------
     InputError
-        If a value exceeds ``LARGEST`` then.
+        If a value exceeds ``LARGEST_VALUE`` then.
     """
     with np.errstate(over="ignore", under="ignore"):
         scaled = np.ldexp(values, -exponent)
-    if not np.abs(scaled).max(initial=0.0) <= LARGEST:
+    if not np.abs(scaled).max(initial=0.0) <= LARGEST_VALUE:
         raise InputError(f"{name} contains values that are too large for this problem")
     return scaled
 
@@ -236,12 +237,8 @@ FORMAT = "collalign certificate 1"
 #: matches that are allowed.
 PROBLEM_ARRAYS = ("candidates", "weights", "constant_cost", "pattern", "special_blocks")
 
-#: Bytes of all arrays of a file together; more is refused before it is read.
+#: Bytes of a file; a larger one is refused before it is read.
 MAX_BYTES = 2**28
-#: How an npz archive begins.
-_ZIP_MARK = b"PK"
-#: How NumPy compresses; other methods unpack without a limit whatever the archive promises.
-_METHODS = (ZIP_STORED, ZIP_DEFLATED)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -291,25 +288,8 @@ class Certificate:
         InputError
             If the file is missing, damaged, or not a certificate.
         """
-        if not isfile(path):  # a pipe would be waited for
-            raise InputError(
-                f"{path}: cannot be read as a certificate (no such file, or not a regular one)"
-            )
-        try:
-            with open(
-                path, "rb"
-            ) as file:  # a bare array would be read whole, whatever it claims to hold
-                if file.read(len(_ZIP_MARK)) != _ZIP_MARK:
-                    raise InputError("not an archive")
-            with np.load(path, allow_pickle=False) as archive:
-                entries = archive.zip.infolist()
-                if sum(entry.file_size for entry in entries) > MAX_BYTES:
-                    raise InputError(f"more than {MAX_BYTES} bytes")
-                if any(entry.compress_type not in _METHODS for entry in entries):
-                    raise InputError("compressed otherwise than NumPy does")
-                content = {name: archive[name] for name in archive.files}
-        except Exception as error:  # damaged archives fail in every way there is
-            raise InputError(f"{path}: cannot be read as a certificate ({error})") from error
+        with open_regular(Path(path), MAX_BYTES) as file:
+            content = load_arrays(file.read(), str(path))
         if str(content.get("format")) != FORMAT:
             raise InputError(
                 f"{path}: not a certificate of this version, expected the entry format = {FORMAT!r}"

@@ -6,8 +6,8 @@
 * ``newton``, ``newton_blocks``: its linear system; the blocks of one source point each
 * ``rounding``: starts for local search
 * ``certify``: from the dual to a bound
-* ``cvxpy_model``, ``cvxpy_constraints``, ``cvxpy_solve``: PM-SDP as the paper writes it, constraints of R, SCS and
-  Clarabel; tests and experiments compare the solver with them
+* ``cvxpy_model``, ``cvxpy_solve``: PM-SDP as the paper writes it, SCS and Clarabel; tests and experiments compare the
+  solver with them
 
 Word: **certify** is to write a proof down so that anybody can check it; *prove* is to find it, *verify* to check it.
 """

@@ -12,7 +12,7 @@ from data_tools.arrays import BoolArray, FloatArray, read_only
 from data_tools.errors import InputError
 from pairwise.certificates.certificate import Certificate, hash_problem, problem_arrays
 from pairwise.certificates.verify import proven_bound
-from pairwise.pm_sdp.data import RelaxationData
+from pairwise.pm_sdp.data import RelaxationData, match_costs
 from pairwise.pm_sdp.lifted_rotation import LiftedRotation
 from pairwise.problem import Problem
 
@@ -134,14 +134,11 @@ def _potentials(
     problem: Problem, data: RelaxationData, arrays: dict[str, NDArray[Any]]
 ) -> FloatArray:
     """Return the non-positive row potentials of the assignment problem at the costs c(F, u), by shortest paths."""
-    rows, cols = problem.pattern.entries
-    weighted = problem.weights[:, None] * problem.source
-    vectors = (weighted[:, None, cols] * problem.target[None, :, rows]) @ data.lifted.basis
-    costs = problem.weights[:, None] * (problem.target**2).sum(axis=1) - 2.0 * vectors[..., 0]
+    costs, vectors = match_costs(problem, data.lifted)
     inverse_factor = np.linalg.inv(np.linalg.cholesky(arrays["F"]))
-    w = vectors[..., 1:] - arrays["u"][:, None, :] - arrays.get("row_u", 0.0)
-    costs -= ((w @ np.swapaxes(inverse_factor, 1, 2)) ** 2).sum(axis=2)
-    costs = np.where(_support(data), costs.T + problem.constant_cost, np.inf)
+    w = np.swapaxes(vectors, 0, 1) - arrays["u"][:, None, :] - arrays.get("row_u", 0.0)
+    costs -= ((w @ np.swapaxes(inverse_factor, 1, 2)) ** 2).sum(axis=2).T
+    costs = np.where(_support(data), costs, np.inf)
     n, k = costs.shape
     taken, columns = linear_sum_assignment(costs)
     rows = np.empty(k, dtype=np.int64)

@@ -21,7 +21,7 @@ and C are those of rho.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import cvxpy as cp
@@ -29,13 +29,8 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray
-from pairwise.pm_sdp.cvxpy_constraints import (
-    cross_product_equations,
-    hull_constraints,
-    independent_equations,
-    orthogonality_equations,
-)
 from pairwise.pm_sdp.data import RelaxationData
+from pairwise.pm_sdp.lifted_rotation import LiftedRotation
 from pairwise.problem import Problem
 
 
@@ -119,12 +114,13 @@ def build_model(
     """
     data = RelaxationData.from_problem(problem, cross_products=cross_products, row_sums=row_sums)
     j, slot = np.nonzero(data.valid)
-    i, basis = data.index[j, slot], data.lifted.basis[:, 1:]
-    s, m = basis.shape[1], len(i)
+    i = data.index[j, slot]
+    s, m = data.lifted.num_variables, len(i)
     x, b = cp.Variable(m, nonneg=True), cp.Variable((s, m))
     c, rho = cp.Variable((s, s), symmetric=True), cp.Variable(s)
-    objective, scale, constant = _objective(problem, basis, i, j, x, b)
-    moments, hulls = rotation_constraints(problem, basis, c, rho, cross_products=cross_products)
+    costs, vectors = data.cost[j, slot], data.vectors[j, slot].T
+    scale = max(float(np.abs(costs).max()), 2.0 * float(np.abs(vectors).max())) or 1.0
+    moments, hulls = rotation_constraints(data.lifted, c, rho)
     tied = _incidence(i, problem.num_target)[summed_rows(data)]
     model = CvxpyModel(
         problem=problem,
@@ -135,9 +131,9 @@ def build_model(
         b=b,
         c=c,
         rho=rho,
-        objective=objective,
+        objective=(costs / scale) @ x - cp.sum(cp.multiply(2.0 * vectors / scale, b)),
         scale=scale,
-        constant=constant,
+        constant=data.constant,
         linear=[*matching_constraints(problem, i, j, x), moments],
         hulls=hulls,
         blocks=[],
@@ -168,32 +164,14 @@ def matching_constraints(problem: Problem, i: IntArray, j: IntArray, x: Any) -> 
     return [_incidence(j, problem.num_source) @ x == 1.0, rows]
 
 
-def rotation_constraints(
-    problem: Problem, basis: FloatArray, c: Any, rho: Any, *, cross_products: bool
-) -> tuple[Any, list[Any]]:
-    """Return orthogonality of the lifted R, with the cross products of 3 x 3 rotation blocks or with their hull."""
-    pattern = problem.pattern
-    lifted = [orthogonality_equations(pattern)]
-    if cross_products:
-        lifted.append(cross_product_equations(pattern))
-        kept = tuple(block for block in pattern.special_blocks if block[1] - block[0] != 3)
-        pattern = replace(pattern, special_blocks=kept)
-    quadratic, linear, constants = independent_equations(lifted, basis)
-    moments = csr_array(quadratic) @ cp.vec(c, order="F") + csr_array(linear) @ rho == constants
-    return moments, hull_constraints(pattern, basis @ rho)
-
-
-def _objective(
-    problem: Problem, basis: FloatArray, i: IntArray, j: IntArray, x: Any, b: Any
-) -> tuple[Any, float, float]:
-    """Return the linear energy of the possible matches divided by a scale, that scale, and the constant."""
-    weights = problem.weights
-    linear = weights[j] * (problem.target[i] ** 2).sum(axis=1) + problem.constant_cost[i, j]
-    rows, cols = problem.pattern.entries
-    v = basis.T @ (weights[j] * problem.target[i][:, rows].T * problem.source[j][:, cols].T)
-    constant = float(weights @ (problem.source**2).sum(axis=1))
-    scale = max(float(np.abs(linear).max()), 2.0 * float(np.abs(v).max())) or 1.0
-    return (linear / scale) @ x - cp.sum(cp.multiply(2.0 * v / scale, b)), scale, constant
+def rotation_constraints(lifted: LiftedRotation, c: Any, rho: Any) -> tuple[Any, list[Any]]:
+    """Return the equations of the moments of R, and that each hull's ``4 Y(R)`` is PSD."""
+    forms = lifted.equations
+    quadratic, linear = forms[:, 1:, 1:].reshape(len(forms), -1), 2.0 * forms[:, 0, 1:]
+    moments = quadratic @ cp.vec(c, order="F") + linear @ rho == -forms[:, 0, 0]
+    slopes = 4.0 * lifted.quaternion_slopes.reshape(-1, lifted.num_variables, 16)
+    hulls = [np.eye(4) + cp.reshape(rho @ own, (4, 4), order="C") >> 0 for own in slopes]
+    return moments, hulls
 
 
 def _incidence(labels: IntArray, num: int) -> csr_array:

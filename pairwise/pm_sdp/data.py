@@ -152,7 +152,7 @@ class RelaxationData:
         allowed, always_full = assignment_support(problem.allowed)
         index, valid = _match_lists(allowed)
         with np.errstate(over="ignore", invalid="ignore"):
-            cost, vectors = _match_costs(problem, lifted)
+            cost, vectors = match_costs(problem, lifted)
             constant = float((problem.weights * (problem.source**2).sum(axis=1)).sum())
         if not (np.isfinite(constant) and np.isfinite(cost).all() and np.isfinite(vectors).all()):
             raise InputError(
@@ -180,7 +180,7 @@ def _match_lists(allowed: BoolArray) -> tuple[IntArray, BoolArray]:
     return index, valid
 
 
-def _match_costs(problem: Problem, lifted: LiftedRotation) -> tuple[FloatArray, FloatArray]:
+def match_costs(problem: Problem, lifted: LiftedRotation) -> tuple[FloatArray, FloatArray]:
     """Return the linear costs (n, k) and the vectors v (n, k, s)."""
     rows, cols = problem.pattern.entries
     weighted = problem.weights[:, None] * problem.source

@@ -22,7 +22,7 @@ from pairwise.pm_sdp.variables import Direction, DualPoint, PrimalPoint, move_du
 from pairwise.results import Status
 
 #: Share of the distance to the cones' boundary that every step keeps.
-_MARGIN = 0.05
+_LEAST_SLACK = 0.05
 
 #: A predictor that can be taken this far is corrected by all of its second-order terms.
 _FULL_CORRECTION = 0.4
@@ -216,8 +216,8 @@ class _InteriorPoint:
 
     def _sizes(self, step: Direction) -> tuple[float, float]:
         """Return how far the primal and the dual point may go along a step."""
-        primal = longest_primal(self.data, self.primal, step, _MARGIN)
-        return primal, longest_dual(self.data, self.dual, step, _MARGIN)
+        primal = longest_primal(self.data, self.primal, step, _LEAST_SLACK)
+        return primal, longest_dual(self.data, self.dual, step, _LEAST_SLACK)
 
     def _remaining_share(self, step: Direction, sizes: tuple[float, float]) -> float:
         """Return the share of the gap that is left after a step."""

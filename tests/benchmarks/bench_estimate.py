@@ -58,6 +58,8 @@ def measure(name, num):
                 out=folder.parent / "out",
                 recursive=False,
                 parts=False,
+                include=(),
+                kinds_by="",
                 options=AlignOptions(),
             ),
             run,

@@ -31,15 +31,15 @@ from data_tools.notes import MAX_NAMED, Note, percent
 from data_tools.threads import one_blas_thread
 
 #: Most shapes of a page. With so many it opens in seconds; matrix, map and tree grow with their square.
-MOST_SHOWN = 600
+MOST_ON_PAGE = 600
 
 
 def shown_part(collection: CollectionData) -> CollectionData:
     """Return the collection as far as a page shows it: all of it, or some shapes with a note that says so."""
-    if len(collection) <= MOST_SHOWN:
+    if len(collection) <= MOST_ON_PAGE:
         return collection
-    numbers = {"num": MOST_SHOWN, "total": len(collection), "num_doubtful": MOST_SHOWN // 2}
-    part = collection.some(chosen_shapes(collection, MOST_SHOWN))
+    numbers = {"num": MOST_ON_PAGE, "total": len(collection), "num_doubtful": MOST_ON_PAGE // 2}
+    part = collection.some(chosen_shapes(collection, MOST_ON_PAGE))
     return replace(part, notes=(*collection.notes, Note("shown-in-part", values=numbers)))
 
 
@@ -54,7 +54,7 @@ def page_members(collection: CollectionData) -> list[IntArray]:
     rows, cols = np.concatenate([ends, ends[:, ::-1]]).T
     graph = coo_array((np.ones(len(rows)), (rows, cols)), shape=(num, num)).tocsr()
     order = reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.int64)
-    num_pages = -(-num // MOST_SHOWN)
+    num_pages = -(-num // MOST_ON_PAGE)
     return [np.sort(members) for members in np.array_split(order, num_pages)]
 
 
@@ -148,7 +148,7 @@ def report_pages(collection: CollectionData, path: Path, *, title: str) -> Itera
     # Pages say nothing that differs between two runs with the same result: that is in run.json.
     collection = replace(collection, run=RunRecord(versions=collection.run.versions))
     shown, again = shown_part(collection), _again(collection)
-    pages = page_members(collection) if len(collection) > MOST_SHOWN else []
+    pages = page_members(collection) if len(collection) > MOST_ON_PAGE else []
     every = _every_shape(collection, pages) if pages else ""
     yield Page(
         path=path,

@@ -17,7 +17,7 @@ from collalign.output.report.payload import pack_mesh
 from collalign.products.pair import Alternative
 from collalign.products.shapes import Incomplete
 from collalign.wording import note_text, reason_text
-from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.arrays import BoolArray, FloatArray, IntArray, rms_length
 from data_tools.embedding.surface_points import cloud_rim, plane_normals
 from data_tools.poses import APART_DEG, keep_apart, moved_by
 from data_tools.rotations import rotation_angle_deg
@@ -126,7 +126,7 @@ def cycle_histogram(collection: CollectionData) -> dict[str, Any]:
 
 
 #: Incomplete shapes that are drawn, those that cover least.
-MOST_DRAWN = 40
+MOST_INCOMPLETE_DRAWN = 40
 _NONE = np.empty((0, 3))
 
 #: Packed meshes by name.
@@ -140,7 +140,7 @@ def counterparts_on(vertices: FloatArray, faces: IntArray) -> Callable[[FloatArr
         on_rim[boundary_edges(faces).ravel()] = True
     else:
         on_rim = cloud_rim(vertices, plane_normals(vertices, vertices))
-    radius = float(np.sqrt(((vertices - vertices.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    radius = rms_length(vertices - vertices.mean(axis=0))
     # So much nearer than its nearest vertex is its surface, at most.
     spacing = float(np.median(tree.query(vertices, k=2)[0][:, 1]))
 
@@ -164,7 +164,7 @@ def incomplete_content(collection: CollectionData) -> tuple[dict[str, Any], Mesh
     if not collection.incomplete:
         return {}, {}
     listed = sorted(collection.incomplete, key=lambda one: (one.coverage, one.shape))
-    drawn, vertices, faces = listed[:MOST_DRAWN], collection.vertices, collection.faces
+    drawn, vertices, faces = listed[:MOST_INCOMPLETE_DRAWN], collection.vertices, collection.faces
     partners = {i for one in drawn for i in one.partners.tolist()}
     aligned = {i: moved_by(collection.transforms[i], vertices[i]) for i in partners}
     has = {i: counterparts_on(aligned[i], faces[i]) for i in partners}

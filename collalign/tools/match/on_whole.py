@@ -11,7 +11,7 @@ from data_tools.surface.topology import is_open_surface
 from pairwise.features.on_whole import TwoScales, free_axis
 
 #: Clouds of so many points have stray points left out: what lies off a scan hides from where it was seen.
-FEWEST_POINTS = 100
+FEWEST_OF_SCAN = 100
 #: A part is no larger than so many times its whole, by root mean square radii: what is, is in another unit. Even the
 #: two ends of a dumbbell are below two.
 MOST_LARGER = 3.0
@@ -28,7 +28,7 @@ def both_scales(whole: Shape, part: Shape) -> tuple[TwoScales, TwoScales] | None
     None where there are too few points, or the part is much larger than the whole.
     """
     if not part.is_mesh:
-        part = without_outliers(part, fewest_points=FEWEST_POINTS)
+        part = without_outliers(part, fewest_points=FEWEST_OF_SCAN)
     radius = centre_and_radius(whole)[1]
     if centre_and_radius(part)[1] > MOST_LARGER * radius:
         return None

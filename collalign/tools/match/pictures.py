@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _GREY = np.full(3, 0.6)
 #: Triangles of a mesh that are drawn, about; a panel has some 300 pixels a side.
-_MOST_DRAWN = 10_000
+_MOST_FACES_DRAWN = 10_000
 #: Half turn about the vertical axis of the picture.
 _FROM_BEHIND = np.diag([-1.0, 1.0, -1.0])
 
@@ -120,9 +120,9 @@ def match_figure(
 
 def _drawn(shape: Shape, colours: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
     """Return vertices, triangles and colours of vertices of what is drawn of a shape."""
-    if len(shape.faces) <= _MOST_DRAWN:
+    if len(shape.faces) <= _MOST_FACES_DRAWN:
         return shape.vertices, shape.faces, colours
-    vertices, faces = display_mesh(shape.vertices, shape.faces, max_faces=_MOST_DRAWN)
+    vertices, faces = display_mesh(shape.vertices, shape.faces, max_faces=_MOST_FACES_DRAWN)
     return vertices, faces, colours[cKDTree(shape.vertices).query(vertices)[1]]
 
 

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 #: Templates that the picture shows, and landmarks of each that are called by name.
-_MOST_SHOWN, _MOST_NAMED = 6, 12
+_MOST_PANELS, _MOST_NAMED = 6, 12
 #: In inches: of a surface, and of a row of the chart.
-_CELL, _ROW = 4.0, 0.25
+_PANEL, _ROW = 4.0, 0.25
 #: Times the median disagreement at which the colours of the chart end.
 _WORST = 30.0
 
@@ -97,14 +97,14 @@ def agreement_figure(collection: Collection, found: TransferredLandmarks) -> Fig
     wrong: dict[str, dict[str, None]] = {}
     for name, label, _ in findings(found):
         wrong.setdefault(name, {})[label] = None
-    shown = [*wrong][:_MOST_SHOWN]
+    shown = [*wrong][:_MOST_PANELS]
     rows = _own_rows(found)
     height = _ROW * (len(found.templates) + 4)
-    width, total = _CELL * max(len(shown), 2), _CELL + height
+    width, total = _PANEL * max(len(shown), 2), _PANEL + height
     figure = new_figure(figsize=(width, total), dpi=110)
     FigureCanvasAgg(figure)
     axes = figure.add_axes(
-        (0.0, height / total, len(shown) * _CELL / width, _CELL / total),
+        (0.0, height / total, len(shown) * _PANEL / width, _PANEL / total),
         xlim=(0.0, len(shown)),
         ylim=(0.0, 1.0),
     )

@@ -17,7 +17,7 @@ from collalign.tools.transfer.result import (
     NOT_REACHED,
     NOT_REGISTERED,
 )
-from data_tools.arrays import FloatArray
+from data_tools.arrays import FloatArray, rms_length
 from data_tools.io.shapes import read_shape
 from data_tools.options import CleaningOptions
 from data_tools.poses import moved_by
@@ -72,7 +72,7 @@ class PosedSpecimens:
         self.collection, self.dense = collection, dense
         self.rows = {name: row for row, name in enumerate(dense.names)}
         centred = dense.mean - dense.mean.mean(axis=0)
-        self.radius = float(np.sqrt((centred**2).sum(axis=1).mean()))
+        self.radius = rms_length(centred)
 
     def abstention(self, name: str) -> str | None:
         """Return why a specimen gets no landmarks; None where it does."""

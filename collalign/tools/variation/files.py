@@ -44,7 +44,7 @@ from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import vertex_normals
 
 #: Triangles of the mean that is drawn, and what all shapes together may have.
-_MOST_FACES, _FACES_IN_ALL = 8_000, 700_000
+_MOST_FACES, _FACES_OF_PAGE = 8_000, 700_000
 _LARGEST = int(np.iinfo(np.int16).max)
 #: How much more than the mean is in view, for what is moved away from it.
 _ROOM = 1.1
@@ -81,7 +81,7 @@ def build_variation(
         Base64 text by the element's id.
     """
     num = len(variation.names)
-    most = int(np.clip(_FACES_IN_ALL // num, FEWEST_FACES, _MOST_FACES))
+    most = int(np.clip(_FACES_OF_PAGE // num, FEWEST_FACES, _MOST_FACES))
     vertices, faces = display_mesh(variation.mean, variation.faces, max_faces=most)
     places = SurfaceLocator(variation.mean, variation.faces).closest(vertices)
     mean = places.on(variation.mean)

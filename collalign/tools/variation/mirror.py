@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from collalign.registration.register import register
 from collalign.registration.surface import RegistrationSurface
-from data_tools.arrays import FloatArray, IntArray
+from data_tools.arrays import FloatArray, IntArray, rms_length
 from data_tools.errors import InputError
 from data_tools.io.files import existing_file, read_any_text
 from data_tools.poses import Similarity
@@ -76,7 +76,7 @@ def _lines(path: Path | str) -> list[str]:
 
 
 #: Directions that are tried as the mirror plane's normal, points that are compared, and how many planes are refined.
-_NUM_NORMALS, _NUM_POINTS, _NUM_REFINED = 200, 500, 6
+_NUM_TRIED_PLANES, _NUM_MIRRORED_POINTS, _NUM_REFINED_PLANES = 200, 500, 6
 #: A surface whose mirror image lies farther from it than this, root mean square in parts of the radius, is not
 #: bilateral. Bilateral classes have at most .053, molars at least .116.
 MOST_UNLIKE = 0.08
@@ -117,7 +117,7 @@ def mirror_map(shape: Shape, *, normal: FloatArray | None = None) -> SurfacePoin
     image = shape.transformed(pose.transform)
     source = RegistrationSurface.from_shape(image)
     gaps = surface.locator.closest(image.vertices).on(shape.vertices) - image.vertices
-    unlikeness = float(np.sqrt((gaps**2).sum(axis=1).mean())) / surface.radius
+    unlikeness = rms_length(gaps) / surface.radius
     if unlikeness > MOST_UNLIKE:
         raise InputError(
             f"{shape.name}: is not bilateral: its mirror image fits to {unlikeness:.2f} of the radius at best, "
@@ -127,7 +127,7 @@ def mirror_map(shape: Shape, *, normal: FloatArray | None = None) -> SurfacePoin
 
 
 def _dense_points(surface: RegistrationSurface, centre: FloatArray) -> DensePoints:
-    chosen = surface.spread[:_NUM_POINTS]
+    chosen = surface.spread[:_NUM_MIRRORED_POINTS]
     normals = surface.normals(surface.vertices)[chosen] if surface.oriented else None
     return DensePoints.from_user(surface.vertices[chosen] - centre, normals)
 
@@ -135,9 +135,9 @@ def _dense_points(surface: RegistrationSurface, centre: FloatArray) -> DensePoin
 def _best_normals(points: DensePoints) -> FloatArray:
     """Return directions, of those spread over a hemisphere, along which the mirror image lies nearest."""
     tree = cKDTree(points.points)
-    half = spread_directions(2 * _NUM_NORMALS)[:_NUM_NORMALS]
+    half = spread_directions(2 * _NUM_TRIED_PLANES)[:_NUM_TRIED_PLANES]
     gaps = [(tree.query(points.points @ _reflection(normal).T)[0] ** 2).mean() for normal in half]
-    return half[np.argsort(gaps, kind="stable")[:_NUM_REFINED]]
+    return half[np.argsort(gaps, kind="stable")[:_NUM_REFINED_PLANES]]
 
 
 def _reflection(normal: FloatArray) -> FloatArray:

@@ -17,7 +17,7 @@ from collalign.analysis.shape_tests import NUM_PERMUTATIONS, SEED
 from collalign.analysis.symmetry import ObjectSymmetry, object_symmetry
 from collalign.output.collection import Collection
 from collalign.tools.correspond import DenseCorrespondence
-from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
+from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only, rms_length
 from data_tools.io.shapes import read_shape
 from data_tools.notes import Note
 from data_tools.poses import moved_by
@@ -222,12 +222,12 @@ def mirror_error(mean: FloatArray, counterparts: SurfacePoints) -> float:
         Of every vertex.
     """
     back = counterparts.on(counterparts.on(mean))
-    return float(np.sqrt(((back - mean) ** 2).sum(axis=1).mean()))
+    return rms_length(back - mean)
 
 
 def shared_error_notes(found: ObjectSymmetry, error: float) -> tuple[Note, ...]:
     """Return the warning that the directional asymmetry may be an error of registration; none where it is larger."""
-    directional = float(np.sqrt((found.directional**2).sum(axis=1).mean()))
+    directional = rms_length(found.directional)
     if directional > error:
         return ()
     return (Note("asymmetry-uncertain", values={"directional": directional, "error": error}),)

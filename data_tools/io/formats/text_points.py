@@ -16,6 +16,7 @@ from data_tools.io.files import beginning_of
 from data_tools.io.formats.raw_shape import RawShape, no_faces, not_kept
 from data_tools.io.source import Source
 from data_tools.io.text_tables import (
+    THOUSANDS,
     TextTable,
     axis_columns,
     axis_of,
@@ -27,9 +28,8 @@ from data_tools.io.text_tables import (
 
 #: First line of PTS files of landmarks.
 _VERSION = re.compile(r"version\b", re.IGNORECASE)
-#: A number with a decimal comma, and one whose comma may mark thousands instead.
+#: A number with a decimal comma.
 _COMMA_NUMBER = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
-_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 #: What documented formats have after x, y and z, by the number of columns: intensity, colour, normal.
 _LAYOUTS = {4: ["i"], 6: ["rgb", "nnn"], 7: ["irgb", "rgbi"], 9: ["rgbnnn", "nnnrgb"]}
 _CALLED = {"i": "intensity", "rgb": "red, green, blue", "nnn": "nx, ny, nz"}
@@ -302,7 +302,7 @@ def _with_decimal_points(lines: list[str], separator: str | None) -> list[str]:
         return lines
     cells = [cell.strip("\"' ") for line in lines for cell in line.split(separator)]
     numbers = [cell for cell in cells if _COMMA_NUMBER.fullmatch(cell)]
-    if all(map(_THOUSANDS.fullmatch, numbers)) or any(
+    if all(map(THOUSANDS.fullmatch, numbers)) or any(
         "." in cell and is_number(cell) for cell in cells
     ):
         return lines

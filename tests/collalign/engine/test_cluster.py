@@ -140,7 +140,7 @@ def test_without_workers_the_run_ends_and_what_is_finished_is_kept(folder, tmp_p
     [
         ("garbage", OptionsError),
         ("", OptionsError),
-        ("tcp://no.such.host.invalid:8786", OptionsError),
+        ("tcp://no.such.host.invalid:8786", RunLost),
         ("tcp://127.0.0.1:99999", OptionsError),
         ("tcp://127.0.0.1", OptionsError),
         ("nonsense://127.0.0.1:1", OptionsError),

@@ -214,7 +214,7 @@ def test_of_a_large_collection_the_doubtful_and_evenly_spaced_shapes_are_shown(m
 
 
 def small_pages(monkeypatch, most=6):
-    monkeypatch.setattr("collalign.output.report.page.MOST_SHOWN", most)
+    monkeypatch.setattr("collalign.output.report.page.MOST_ON_PAGE", most)
 
 
 def test_every_shape_of_a_large_collection_is_on_one_of_the_pages(tmp_path, monkeypatch):

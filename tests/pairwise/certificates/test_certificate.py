@@ -7,12 +7,10 @@ import pytest
 
 from data_tools.errors import InputError
 from pairwise import Certificate, Problem, solve_relaxation, verify_certificate
-from pairwise.certificates.verify import proven_bound
 from pairwise.pm_sdp.certify import _close_constraints
 from pairwise.pm_sdp.lifted_rotation import LiftedRotation
 from pairwise.relaxations import solve_pm_sdp
 from pairwise.rotation_pattern import RotationPattern
-from tests.memory import most_memory
 from tests.oracles import brute_force
 from tests.problems import planted
 
@@ -48,15 +46,6 @@ def test_damaged_files_are_refused(tmp_path, content):
     (tmp_path / "bad.npz").write_bytes(content)
     with pytest.raises(InputError, match=r"bad\.npz"):
         Certificate.load(tmp_path / "bad.npz")
-
-
-def test_a_bare_array_is_not_read_whatever_it_claims_to_hold(tmp_path):
-    with (tmp_path / "huge.npz").open("wb") as file:
-        header = {"descr": "<f8", "fortran_order": False, "shape": (2**26,)}
-        np.lib.format.write_array_header_1_0(file, header)
-        file.truncate(file.tell() + 2**29)
-    with most_memory(2**20), pytest.raises(InputError, match="not an archive"):
-        Certificate.load(tmp_path / "huge.npz")
 
 
 def test_other_archives_are_refused(tmp_path):
@@ -148,28 +137,6 @@ def test_missing_arrays_and_wrong_claims_are_refused(solved):
     forged = replace(result.certificate, bound=result.lower_bound + 1e-6)
     with pytest.raises(InputError, match="certificate"):
         verify_certificate(problem.target, problem.source, forged)
-
-
-def test_any_dual_point_gives_a_valid_bound(solved):
-    # Weak duality: bounds of arbitrary multipliers never exceed the optimum, however bad they are.
-    problem, result = solved
-    optimum = brute_force(problem).energy
-    rng = np.random.default_rng(3)
-    for size in (1e-3, 1e-1, 1.0):
-        for _ in range(20):
-            arrays = dict(result.certificate.arrays)
-            noise = size * rng.standard_normal(arrays["F"].shape)
-            arrays["F"] = arrays["F"] + noise @ np.swapaxes(noise, 1, 2)
-            arrays["F"] = 0.5 * (arrays["F"] + np.swapaxes(arrays["F"], 1, 2))
-            arrays["u"] = arrays["u"] + size * rng.standard_normal(arrays["u"].shape)
-            arrays["beta"] = arrays["beta"] - size * rng.random(arrays["beta"].shape)
-            for name in ("column_multipliers", "row_multipliers", "quaternion_multipliers"):
-                shift = size * rng.standard_normal(arrays[name].shape)
-                arrays[name] = arrays[name] + (shift + np.swapaxes(shift, -1, -2))
-            arrays["cross_multipliers"] = arrays["cross_multipliers"] + size * rng.standard_normal(
-                (4, 4)
-            )
-            assert proven_bound(problem, "pm-sdp", arrays) <= optimum
 
 
 def test_what_the_sums_of_a_dual_point_miss_is_spread_over_the_source_points(rng):

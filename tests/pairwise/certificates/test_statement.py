@@ -8,7 +8,7 @@ import pytest
 from data_tools.errors import InputError
 from pairwise import Problem
 from pairwise.certificates.certificate import (
-    LARGEST,
+    LARGEST_VALUE,
     CertificateArrays,
     build_problem,
     hash_problem,
@@ -98,7 +98,7 @@ def test_numbers_come_in_the_unit_and_not_beyond_its_range():
         with pytest.raises(InputError, match="outside"):
             CertificateArrays({"i": wrong}).indices("i", (None,), upper=3)
     with pytest.raises(InputError, match="too large"):
-        in_unit(np.array([2.0 * LARGEST]), 0, "x")
+        in_unit(np.array([2.0 * LARGEST_VALUE]), 0, "x")
     with pytest.raises(InputError, match="too large"):
         CertificateArrays({"F": np.array([1e50])}, exponent=-400).floats("F", (1,))
     for bad in (np.nan, np.inf):

@@ -29,13 +29,43 @@ def test_equations_hold_for_rotations_and_not_for_others(rng, sizes, cross):
         equations = np.einsum("mab,a,b->m", lifted.equations, lifted_rho, lifted_rho)
         for _, slopes in lifted.quaternion_blocks:
             moments = np.eye(4) / 4 + np.tensordot(rho, slopes, 1)
-            off_basis = max(off_basis, -float(np.linalg.eigvalsh(moments)[0]))
+            off_basis = max(off_basis, float(np.abs(moments @ moments - moments).max()))
         return max(off_basis, float(np.abs(equations).max(initial=0.0)))
 
     assert violation(random_rotation(rng, sizes[0])) < 1e-12
     assert violation(1.1 * random_rotation(rng, sizes[0])) > 1e-3
     if sizes[0] < 4:
         assert violation(random_rotation(rng, sizes[0], reflected=True)) > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("sizes", "group", "cross", "both"),
+    [
+        ([3], "SO", True, False),
+        ([3], "SO", False, True),
+        ([3], "O", False, True),
+        ([2], "SO", False, False),
+        ([2], "O", False, True),
+        ([3, 2], "SO", True, False),
+        ([2, 3], "O", False, True),
+        ([4], "O", False, True),
+    ],
+)
+def test_no_equation_is_missing(rng, sizes, group, cross, both):
+    """They are all quadratic forms that vanish on the rotations: moments of many leave no others."""
+    dim, ends = sum(sizes), np.cumsum(sizes)
+    pattern = RotationPattern.from_user(sizes, dim, group)
+    lifted, moments = LiftedRotation.build(pattern, cross_products=cross), []
+    for at in range(400):
+        matrix = np.zeros((dim, dim))
+        for number, (size, end) in enumerate(zip(sizes, ends.tolist(), strict=True)):
+            side = bool(at >> number & 1) if number or both else False
+            block = random_rotation(rng, size, reflected=side)
+            matrix[end - size : end, end - size : end] = block
+        rho = np.linalg.lstsq(lifted.basis[:, 1:], pattern.pack(matrix), rcond=None)[0]
+        moments.append(np.outer([1.0, *rho], [1.0, *rho])[np.triu_indices(len(rho) + 1)])
+    num_forms = len(moments[0])
+    assert len(lifted.equations) == num_forms - np.linalg.matrix_rank(np.array(moments), tol=1e-8)
 
 
 def brute_support(allowed):

@@ -33,6 +33,9 @@ def test_comparison_rejects_wrong_values():
     assert Comparison(-1e-3, 1e-7).faults(1e-5)
     assert Comparison(0.0, -1e-9).faults(1e-5)
     assert Comparison(0.0, 1e-3).faults(1e-5)
+    assert Comparison(0.0, 1e-7, 1e-3).faults(1e-5)
+    assert Comparison(0.0, 1e-7, -1e-6).faults(1e-5)
+    assert Comparison(0.0, 1e-7, 0.0, ("X is not stochastic",)).faults(1e-5)
     assert not Comparison(-1e-6, 1e-7).faults(1e-5)
 
 
