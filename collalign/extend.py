@@ -152,8 +152,8 @@ def _with_moved(former: Collection, listed: FolderListing) -> Collection:
         files[at] = found.get(former.digests[at], files[at])
         if files[at] == former.files[at] and is_there(files[at]):
             raise InputError(
-                f"{files[at]}: has changed since it was aligned as {former.names[at]}, so it is another shape. Put the "
-                "old file back, add the folder that holds it now, or align all shapes again"
+                f"{files[at]}: has changed since it was aligned as {former.names[at]}, so it is another shape. Put "
+                "the old file back, add the folder that holds it now, or align all shapes again"
             )
     return replace(former, files=tuple(files))
 
