@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
+
+import numpy as np
 
 from collalign.align import align_collection
 from collalign.engine.run_options import RunOptions
@@ -16,7 +19,7 @@ from collalign.options import AlignOptions
 from collalign.output.collection import Collection
 from collalign.stages.choose_pairs import planned_edges
 from collalign.stages.forecast import RunEstimate, forecast, try_shapes
-from collalign.stages.kinds.plan import BY_FOLDER
+from collalign.stages.kinds.plan import BY_FOLDER, kinds_of
 from collalign.stages.match_pairs import pair_key
 from collalign.stages.shape_stage import wanted_shapes
 from data_tools.checks import as_options
@@ -85,16 +88,20 @@ def read_batch(path: str | Path) -> tuple[BatchJob, ...]:
         If an option is unknown or impossible.
     """
     path = Path(path)
-    content = read_toml(path)
+    try:
+        content = read_toml(path)
+    except InputError:
+        # A number beside the tables is refused by TOML itself.
+        text = path.read_bytes() if path.is_file() else b""
+        if number := re.search(rb"^jobs\s*=\s*(-?\d+)", text, re.MULTILINE):
+            raise _processes_asked(path, int(number[1])) from None
+        raise
     unknown = sorted(content.keys() - {"options", "jobs"})
     if unknown:
         raise InputError(f"{path}: unknown entry {unknown[0]!r}; expected [options] and [[jobs]]")
     entries = content.get("jobs")
     if isinstance(entries, int):
-        raise InputError(
-            f"{path}: jobs = {entries} is no list of folders. For so many processes use `collalign batch {path.name} "
-            f"--jobs {entries}` (in Python run={{'jobs': {entries}}}); each folder is a table [[jobs]]"
-        )
+        raise _processes_asked(path, entries)
     if not isinstance(entries, list) or not entries:
         raise InputError(f"{path}: no [[jobs]], nothing to do")
     shared = content.get("options", {})
@@ -105,6 +112,13 @@ def read_batch(path: str | Path) -> tuple[BatchJob, ...]:
     if len(set(outs)) < len(outs):
         raise InputError(f"{path}: two jobs write to the same folder")
     return jobs
+
+
+def _processes_asked(path: Path, number: int) -> InputError:
+    return InputError(
+        f"{path}: jobs = {number} is no list of folders. For so many processes use `collalign batch {path.name} "
+        f"--jobs {number}` (in Python run={{'jobs': {number}}}); each folder is a table [[jobs]]"
+    )
 
 
 @one_blas_thread()
@@ -177,7 +191,8 @@ def _run_job(job: BatchJob, run: RunOptions, progress: ProgressFactory | bool) -
 def estimate_job(job: BatchJob, run: RunOptions) -> RunEstimate:
     """Estimate what a job will take, all its stages, from its store and a trial with a few of its shapes.
 
-    Where the group is "auto", as if no shape had to be mirrored.
+    Where the group is "auto", as if no shape had to be mirrored. Kinds that the job names are matched one by one;
+    where these are to be found, as if all shapes were of one kind.
 
     Raises
     ------
@@ -211,7 +226,10 @@ def _workload(
     """Return the numbers of shapes and pairs, each with what the store lacks, counted as if no shape were bad."""
     wanted, _ = wanted_shapes(listing, job.options, {})
     keys = [one.key for one in wanted.values()]
-    edges = planned_edges(len(keys), job.options)
+    labels = kinds_of(job.kinds_by, listing.names)
+    kinds = [labels.get(name, "") for name in listing.names]
+    members = [np.flatnonzero([one == kind for one in kinds]) for kind in dict.fromkeys(kinds)]
+    edges = np.concatenate([own[planned_edges(len(own), job.options)] for own in members])
     shapes, pairs, store = frozenset[str](), frozenset[str](), run.store or job.out / STORE_FILE
     if store.exists():
         with Store.open(store, read_only=True) as opened:

@@ -16,7 +16,7 @@ from collalign.engine.session import ProgressFactory, Session
 from collalign.options import AlignOptions
 from collalign.output.collection import Collection
 from collalign.output.loading import load
-from collalign.output.moved_files import missing_files
+from collalign.output.moved_files import is_there
 from collalign.products.pair import FormerPairs
 from data_tools.arrays import read_only
 from data_tools.checks import as_options
@@ -53,8 +53,8 @@ def add_to_collection(
     shapes : str, Path, iterable or mapping
         The new shapes, as :func:`collalign.align_collection` takes them. Files whose content the collection has
         already are skipped, whatever they are called: an inbox can be added again and again. A shape whose name is
-        taken is called by its folder as well (``new/desk_00``). Files of the result that are not where they were are
-        recognised by their content.
+        taken is called by its folder as well (``new/desk_00``). Files of the result that were moved or renamed are
+        recognised by their content, even where another file has the old name.
     run : RunOptions or mapping, optional
         With the store of the first run, no old pair is matched again.
     recursive, parts, include, progress
@@ -74,8 +74,8 @@ def add_to_collection(
     Raises
     ------
     InputError
-        If the folder holds no result, an old file has vanished, a shape from memory has a name that is taken, or the
-        result was made with other ``columns``.
+        If the folder holds no result, an old file has vanished or changed, a shape from memory has a name that is
+        taken, or the result was made with other ``columns``.
 
     Examples
     --------
@@ -132,20 +132,30 @@ def add_to_collection(
 
 
 def _with_moved(former: Collection, listed: FolderListing) -> Collection:
-    """Return a result whose files that are not where they were lie among those listed, where these have them."""
-    missing = {
-        former.digests[at]
-        for at, file in enumerate(former.files)
-        if file and file in missing_files([file])
-    }
-    if not missing:
+    """Return a result whose files that are not where they were lie among those listed, by their content.
+
+    Raises
+    ------
+    InputError
+        If another content is where a file was, and its own is nowhere.
+    """
+    lost = [
+        at
+        for at, (file, digest) in enumerate(zip(former.files, former.digests, strict=True))
+        if file and not (is_there(file) and _digest(Path(file)) == digest)
+    ]
+    if not lost:
         return former
     found = {_digest(file): str(file) for file in listed.files if isinstance(file, Path)}
-    moved = tuple(
-        found.get(digest, file) if digest in missing else file
-        for digest, file in zip(former.digests, former.files, strict=True)
-    )
-    return replace(former, files=moved)
+    files = [*former.files]
+    for at in lost:
+        files[at] = found.get(former.digests[at], files[at])
+        if files[at] == former.files[at] and is_there(files[at]):
+            raise InputError(
+                f"{files[at]}: has changed since it was aligned as {former.names[at]}, so it is another shape. Put "
+                "the old file back, add the folder that holds it now, or align all shapes again"
+            )
+    return replace(former, files=tuple(files))
 
 
 def _free_names(new: FolderListing, taken: Sequence[str]) -> tuple[str, ...]:

@@ -108,7 +108,11 @@ COLLECTION_TEXTS: dict[str, _Text] = {
     "kinds-apart": lambda of: (
         f"Not aligned with the kind of the reference, because pairs do not agree on a common frame: "
         f"{', '.join(of.values['kinds'])}. Compare poses within each of these kinds only."
-        + "".join(f" Nobody knows which way is {one} for them." for one in of.values["named"])
+        + (
+            f" Nobody knows which way is {' and which is '.join(of.values['named'])} for them."
+            if of.values["named"]
+            else ""
+        )
     ),
     "kinds-posed": lambda of: (
         "Rotated to the kind of the reference as most pairs of similar shapes ask for: "

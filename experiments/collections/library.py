@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,10 @@ from experiments.provenance import ROOT, code_digest
 from experiments.tables import Column, Row, Table
 
 KINDS = (*ASSEMBLED, *FAMILIES_MIXED)
-NUM_SHAPES, NUM_QUICK, NUM_STEPS, NUM_JOBS = 500, 24, 5, 2
+NUM_SHAPES, NUM_STEPS, NUM_JOBS = 500, 5, 2
+#: A quick run has few samples, and two kinds of three objects each in both steps: fewer make no kind.
+NUM_QUICK, QUICK_STEPS = 12, 2
+QUICK_OPTIONS = {"maps": "never", "sampling": {"num_points": 32, "num_dense_points": 200}}
 AT_ONCE, GROWN = "at once", "grown"
 
 _ABOUT = f"""
@@ -43,9 +47,9 @@ A measurement of one way is one cell: a clock that was stopped between says noth
 
 
 def write_library(
-    folder: Path, num: int, seed: int
+    folder: Path, num: int, num_steps: int, called: Sequence[str], seed: int
 ) -> tuple[dict[str, int], dict[str, FloatArray]]:
-    """Write a library in random poses, a folder for each step.
+    """Write a library of so many objects in random poses, a folder for each step.
 
     Returns
     -------
@@ -56,11 +60,11 @@ def write_library(
     """
     rng = np.random.default_rng(seed)
     kinds, rotations = dict[str, int](), dict[str, FloatArray]()
-    for kind, called in enumerate(KINDS):
-        size = num // len(KINDS) + (kind < num % len(KINDS))
-        planted = planted_collection(generated_kind(called).members(size, rng), rng)
+    for kind, of in enumerate(called):
+        size = num // len(called) + (kind < num % len(called))
+        planted = planted_collection(generated_kind(of).members(size, rng), rng)
         for i, (shape, rotation) in enumerate(zip(planted.shapes, planted.rotations, strict=True)):
-            own = folder / f"step{i % NUM_STEPS}"
+            own = folder / f"step{i % num_steps}"
             own.mkdir(exist_ok=True)
             name = f"object{len(kinds):03d}"
             write_mesh(own / f"{name}.ply", shape)
@@ -71,7 +75,8 @@ def write_library(
 def measure_way(cell: Cell) -> Record:
     """Align a library one way.
 
-    Settings: ``way``, ``num`` (shapes), ``seed`` and ``code`` (:func:`experiments.provenance.code_digest`).
+    Settings: ``way``, ``num`` (shapes), ``steps``, ``kinds`` (their names), ``jobs``, ``options``, ``seed`` and
+    ``code`` (:func:`experiments.provenance.code_digest`).
 
     Returns
     -------
@@ -83,21 +88,25 @@ def measure_way(cell: Cell) -> Record:
     with tempfile.TemporaryDirectory() as text:
         library = Path(text) / "library"
         library.mkdir()
-        kinds, truth = write_library(library, settings["num"], settings["seed"])
+        kinds, truth = write_library(
+            library, *(settings[key] for key in ("num", "steps", "kinds", "seed"))
+        )
         folders = sorted(library.iterdir())
-        run = RunOptions(jobs=NUM_JOBS, store=Path(text) / "store.sqlite")
+        run = RunOptions(jobs=settings["jobs"], store=Path(text) / "store.sqlite")
         runs = [folders] if settings["way"] == AT_ONCE else [[folder] for folder in folders]
         aligned: Collection | None = None
         for some in runs:
             with stopwatch() as elapsed, memory_watch() as memory:
                 if aligned is None:
-                    aligned = align_collection(some, run=run, progress=False)
+                    aligned = align_collection(
+                        some, options=settings["options"], run=run, progress=False
+                    )
                 else:
                     aligned = add_to_collection(aligned, some, run=run, progress=False)
             steps.append(step_record(aligned, kinds, truth, elapsed, memory))
         assert aligned is not None
         return {
-            "names": list(aligned.names),
+            "names": object_names(aligned),
             "rotations": aligned.rotations,
             "parts": aligned.part_numbers,
             "steps": steps,
@@ -112,11 +121,12 @@ def step_record(
     memory: Memory,
 ) -> Record:
     """Return the figures of one run."""
-    true = np.array([kinds[name] for name in aligned.names])
+    names = object_names(aligned)
+    true = np.array([kinds[name] for name in names])
     found = np.zeros(len(true), dtype=np.int64)
     for number, kind in enumerate(aligned.kinds):
         found[kind.shapes] = number
-    known = np.stack([truth[name] for name in aligned.names])
+    known = np.stack([truth[name] for name in names])
     angles = angles_between(aligned.rotations, known)
     within = np.triu(true[:, None] == true, 1)
     together = aligned.part_numbers[:, None] == aligned.part_numbers
@@ -130,6 +140,11 @@ def step_record(
         "processor_s": elapsed.processor_s,
         "memory_mib": memory.peak_mib,
     }
+
+
+def object_names(aligned: Collection) -> list[str]:
+    """Return the names of shapes without the folders that tell several places apart."""
+    return [name.rpartition("/")[2] for name in aligned.names]
 
 
 def angles_between(rotations: FloatArray, others: FloatArray) -> FloatArray:
@@ -172,17 +187,22 @@ COLUMNS = (
 
 
 def measure(bench: Bench) -> Outcome:
-    """Align the library both ways; with ``--quick`` a small one."""
-    num, code = NUM_QUICK if bench.quick else NUM_SHAPES, code_digest(ROOT)
+    """Align the library both ways; with ``--quick`` a small one, on one process."""
+    kinds: Sequence[str]
+    if bench.quick:
+        num, steps, kinds, jobs, options = NUM_QUICK, QUICK_STEPS, FAMILIES_MIXED, 1, QUICK_OPTIONS
+    else:
+        num, steps, kinds, jobs, options = NUM_SHAPES, NUM_STEPS, KINDS, NUM_JOBS, {}
+    settings = {"num": num, "steps": steps, "kinds": [*kinds], "seed": 0}
+    settings |= {"jobs": jobs, "options": options, "code": code_digest(ROOT)}
     bench.seeds.add(0)
     cells: dict[str, dict[str, Any]] = {
-        f"{num} shapes, {way}": {"way": way, "num": num, "seed": 0, "code": code}
-        for way in (AT_ONCE, GROWN)
+        f"{num} shapes, {way}": {"way": way, **settings} for way in (AT_ONCE, GROWN)
     }
     once, grown = bench.measure(measure_way, cells, apart=True).values()
     with tempfile.TemporaryDirectory() as text:
-        kinds, _ = write_library(Path(text), num, 0)
-    of_each = np.array([kinds[name] for name in once["names"]])
+        true, _ = write_library(Path(text), num, steps, kinds, 0)
+    of_each = np.array([true[name] for name in once["names"]])
     same = 100.0 * share_as_at_once(once, grown, of_each)
     rows = [_row(AT_ONCE, once["steps"][0])]
     for number, step in enumerate(grown["steps"], 1):

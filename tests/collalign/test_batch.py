@@ -3,6 +3,7 @@
 import json
 import math
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -91,6 +92,7 @@ def test_jobs_share_options_and_override_them(folder):
         ("seed = 3", InputError, "unknown entry 'seed'"),
         ("[options]\nseed = 3", InputError, "nothing to do"),
         ("jobs = 3", InputError, "For so many processes use `collalign batch batch.toml --jobs 3`"),
+        ("jobs = 3\n[[jobs]]\nfolder = 'x'\nout = 'y'", InputError, "batch.toml --jobs 3"),
         (
             "[options]\njobs = 3\n[[jobs]]\nfolder = 'x'\nout = 'y'",
             OptionsError,
@@ -160,6 +162,20 @@ def test_dry_run_estimates_and_writes_nothing(folder):
     }
     assert 1_000 < told["store_bytes"] < 1_000_000
     assert not (folder / "a").exists()
+
+
+def test_a_dry_run_counts_the_pairs_within_kinds_that_the_file_names(folder):
+    for place in ("all/a", "all/b"):
+        shutil.copytree(folder / "chairs", folder / place)
+    text = "[[jobs]]\nfolder = 'all'\nout = 'c'\nrecursive = true\n"
+    (together,) = read_batch(batch_file(folder, text + GOOD.partition("[[")[0]))
+    (apart,) = read_batch(batch_file(folder, text + "kinds_by = 'folder'\n"))
+    run = RunOptions(jobs=1)
+    numbers = [
+        estimate_job(replace(job, options=together.options), run).num_pairs
+        for job in (together, apart)
+    ]
+    assert numbers == [15, 6]
 
 
 def test_python_runs_a_batch_and_says_what_failed(folder):

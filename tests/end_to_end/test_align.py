@@ -292,6 +292,25 @@ def test_an_inbox_is_added_again_and_again(folder, out, tmp_path):
     assert len({shape["digest"] for shape in shapes}) == len(shapes)
 
 
+def test_a_renamed_file_is_known_though_another_has_its_name(planted, tmp_path):
+    old, out = tmp_path / "old", tmp_path / "out"
+    write_collection(old, replace(planted, shapes=planted.shapes[:4]))
+    first, *_ = sorted(old.iterdir())
+    align_collection(old, options=OPTIONS, run={"jobs": 1}, progress=False).save(out)
+    before = load(out)
+    write_mesh(first, planted.shapes[4])
+    command = ["add", out, old, "--jobs", "1", "--no-report"]
+    said = run_command(*command, ends=2)
+    assert f"{first}: has changed since it was aligned as {first.stem}" in said.err
+    write_mesh(old / "renamed.ply", planted.shapes[0])
+    run_command(*command)
+    after = load(out)
+    assert after.names == (*before.names, f"old/{first.stem}")
+    assert after.digests[:4] == before.digests
+    assert after.file(0).name == "renamed.ply"
+    np.testing.assert_array_equal(after.transforms[:4], before.transforms)
+
+
 @pytest.mark.parametrize(
     ("stage", "what"), [("pairs", "has changed"), ("common matches", "has vanished")]
 )

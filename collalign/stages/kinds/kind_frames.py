@@ -25,7 +25,7 @@ NUM_SOURCES, NUM_PAIRS = 2, 9
 #: two rotations are within :data:`APART_DEG` of each other with probability .008, but elongated shapes of any kinds
 #: lie along each other, in one of four ways.
 LEAST_AGREEING = 0.6
-#: Votes for and against that are added to those of the pairs.
+#: Votes against that are added to those of the pairs of which no two share a shape.
 PRIOR = 1.0
 
 
@@ -38,7 +38,7 @@ class KindFrame:
     rotation : ndarray, shape (3, 3)
         ``R_common_own``: from the frame of the kind to that of the kind of the reference.
     agreeing : float
-        Share of the pairs that agree on it: 1 for the kind of the reference, 0 where too few do.
+        Share of the pairs that agree on it, less for few shapes: 1 for the kind of the reference, 0 where too few do.
     """
 
     rotation: FloatArray
@@ -103,13 +103,17 @@ def lone_transform(sample: Samples, pose: FloatArray, scaling: str) -> FloatArra
     return place_and_scale([sample], pose[None], labels, scaling)[0]
 
 
-def agreed_rotation(proposed: FloatArray) -> tuple[FloatArray, float]:
-    """Return the rotation that most of some rotations (n, 3, 3) agree on, and the share that do; 0 for too few."""
+def agreed_rotation(proposed: FloatArray, num: int) -> tuple[FloatArray, float]:
+    """Return the rotation that most of some rotations (n, 3, 3) agree on, and the share that do; 0 for too few.
+
+    Pairs of one shape with several of another kind agree because these are alike. So the share is that of as many
+    votes as there are pairs of which no two share a shape, ``num``: one shape alone tells nothing.
+    """
     angles = rotation_angle_deg(proposed[:, None], proposed[None])
     near = angles <= APART_DEG
     chosen = int(np.argmax(near.sum(axis=1)))
     mean = nearest_orthogonal(proposed[near[chosen]].sum(axis=0), determinant=1)
-    share = float(near[chosen].sum()) / (len(proposed) + PRIOR)
+    share = float(near[chosen].mean()) * num / (num + PRIOR)
     return mean, share if share >= LEAST_AGREEING else 0.0
 
 
@@ -138,7 +142,8 @@ def _votes(
         # Of a pair whose shapes were reflected differently, nothing is known that keeps sides.
         proposed = [one for one in proposed if np.linalg.det(one) > 0]
         if proposed:
-            mean, share = agreed_rotation(np.stack(proposed))
+            num = min(len(proposed), len(kinds[one]), len(kinds[other]))
+            mean, share = agreed_rotation(np.stack(proposed), num)
             found[one, other], found[other, one] = (mean, share), (mean.T, share)
     return found
 

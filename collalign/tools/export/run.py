@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -153,7 +154,9 @@ def export(
                 request = request.counted
             staged = FORMATS[format](request)
             if _leaves_out(exclude, right) or _computes(format, space):
-                output.stage(LEFT_OUT_FILE).write_bytes(who.table)
+                of_files = [one for one in who.left_out if one[0] in absent]
+                listed = who if _computes(format, space) else replace(who, left_out=tuple(of_files))
+                output.stage(LEFT_OUT_FILE).write_bytes(listed.table)
                 staged = (*staged, output.staging / LEFT_OUT_FILE)
             said = export_notes(
                 collection,

@@ -215,10 +215,16 @@ def test_most_rotations_agree_or_none_does(rng):
     truth = random_rotation(rng)
     near = [truth @ _small(rng, 8.0) for _ in range(7)]
     far = [random_rotation(rng) for _ in range(2)]
-    mean, share = agreed_rotation(np.stack([*near, *far]))
+    mean, share = agreed_rotation(np.stack([*near, *far]), 9)
     assert rotation_angle_deg(mean, truth) < APART_DEG / 3
     assert LEAST_AGREEING <= share < 1.0
-    assert agreed_rotation(np.stack([random_rotation(rng) for _ in range(9)]))[1] == 0.0
+    assert agreed_rotation(np.stack([random_rotation(rng) for _ in range(9)]), 9)[1] == 0.0
+
+
+def test_pairs_of_one_shape_are_one_vote(rng):
+    same = np.repeat(random_rotation(rng)[None], 9, axis=0)
+    shares = [agreed_rotation(same, num)[1] for num in (1, 2, 3, 9)]
+    assert shares == pytest.approx([0.0, 2 / 3, 3 / 4, 9 / 10])
 
 
 def _small(rng, degrees):

@@ -393,6 +393,11 @@ def test_only_the_surest_shapes_are_written_and_the_others_are_listed(view, tmp_
     said = {note.code: note for note in export_notes(view, "ply", "aligned", right=0.996)}
     assert said["selected"].values["kept"] == 3
     assert "selected" not in {note.code for note in export_notes(view, "ply", "aligned")}
+    export(view, "ply", tmp_path / "more", right=0.8)
+    left_out = {row["name"] for row in rows(tmp_path / "more" / "left_out.csv")}
+    written = {path.stem for path in (tmp_path / "more").glob("*.ply")}
+    assert left_out == {*view.names} - written
+    assert view.names[1] in written, "in doubt, but sure enough for this share"
     doubted = dataclasses.replace(view, confidence=np.full(6, 0.4))
     with pytest.raises(InputError, match="keeps none of 6 shapes"):
         export(doubted, "ply", tmp_path / "none", right=0.99)
