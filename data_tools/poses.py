@@ -126,11 +126,11 @@ def keep_apart(rotations: FloatArray, least_deg: float, *, num: int | None = Non
 def fitting_similarity(
     to: FloatArray, of: FloatArray, weights: FloatArray, *, may_rotate: bool = True
 ) -> FloatArray:
-    """Return the similarity that brings points to their counterparts best, shape (4, 4), never a mirror image.
+    """Return the similarity that brings points to their counterparts best, shape (..., 4, 4), never a mirror image.
 
     Parameters
     ----------
-    to, of : ndarray, shape (p, 3)
+    to, of : ndarray, shape (..., p, 3)
     weights : ndarray, shape (p,)
         Not negative, and not all zero.
     may_rotate : bool
@@ -143,12 +143,15 @@ def fitting_similarity(
     """
     shares = weights / weights.sum()
     mean_to, mean_of = shares @ to, shares @ of
-    centred_to, centred_of = to - mean_to, of - mean_of
-    products = centred_to.T @ (shares[:, None] * centred_of)
-    rotation = nearest_orthogonal(products, determinant=1.0) if may_rotate else np.eye(3)
-    sizes = [float(shares @ (points**2).sum(axis=1)) for points in (centred_to, centred_of)]
-    scale = float(np.sqrt(sizes[0] / sizes[1])) if min(sizes) > 0 else 1.0
-    pose = np.eye(4)
-    pose[:3, :3] = scale * rotation
-    pose[:3, 3] = mean_to - pose[:3, :3] @ mean_of
+    centred_to, centred_of = to - mean_to[..., None, :], of - mean_of[..., None, :]
+    pose = np.zeros((*to.shape[:-2], 4, 4))
+    pose[...] = np.eye(4)
+    if may_rotate:
+        products = np.swapaxes(centred_to, -2, -1) @ (shares[:, None] * centred_of)
+        pose[..., :3, :3] = nearest_orthogonal(products, determinant=1.0)
+    size_to, size_of = ((points**2).sum(axis=-1) @ shares for points in (centred_to, centred_of))
+    has_size = np.minimum(size_to, size_of) > 0
+    scale = np.sqrt(np.where(has_size, size_to, 1.0) / np.where(has_size, size_of, 1.0))
+    pose[..., :3, :3] *= scale[..., None, None]
+    pose[..., :3, 3] = mean_to - (pose[..., :3, :3] @ mean_of[..., None])[..., 0]
     return pose

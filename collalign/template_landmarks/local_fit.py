@@ -148,9 +148,9 @@ def fit_surroundings(
     fits = []
     for size, points, rows in zip(FIT.around, around.points, around.rows, strict=True):
         even = np.ones(rows.shape[1])
-        starts = [fitting_similarity(specimen[near], template[near], even) for near in rows]
+        starts = fitting_similarity(specimen[rows], template[rows], even)
         moved = np.concatenate([around.landmarks[:, None], points], axis=1)
-        moved = each_moved_by(np.array(starts), moved)
+        moved = each_moved_by(starts, moved)
         fits.append(_fitted(moved, surface, normals, FIT.reach * size * unit))
     places, misfits = zip(*fits, strict=True)
     return np.mean(places, axis=0), np.mean(misfits, axis=0)

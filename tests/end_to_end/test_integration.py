@@ -45,7 +45,9 @@ def made(tmp_path_factory):
     """The result, and a file of landmarks of every shape."""
     folder = tmp_path_factory.mktemp("integration")
     collection, chosen = planted()
-    options = collalign.AlignOptions(sampling=SamplingOptions(num_points=32))
+    options = collalign.AlignOptions(
+        group="SO", sampling=SamplingOptions(num_points=24, num_dense_points=100)
+    )
     files = []
     for shape, origin in zip(collection.shapes, collection.origins, strict=True):
         points = shape.vertices[[int(np.flatnonzero(origin == vertex)[0]) for vertex in chosen]]

@@ -42,7 +42,8 @@ def result(tmp_path_factory):
     write(place / "labels.csv", rows)
     said = run_command(
         *("align", place / "shapes", "--out", place / "out", "--labels", place / "labels.csv"),
-        *("--group", "O", "--sampling.num-points", 48, "--jobs", 1),
+        *("--group", "O", "--sampling.num-points", 48, "--sampling.num-dense-points", 200),
+        *("--jobs", 1),
     )
     assert "Tooth_001 (row tooth 1)" in said.err
     assert "labels and surfaces contradict each other for Tooth_004 ('R'). 9 of 10" in said.out

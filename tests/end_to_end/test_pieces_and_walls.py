@@ -17,7 +17,8 @@ from tests.notes import codes, only
 
 
 def align(shapes, **options):
-    return align_collection(shapes, **{"jobs": 1, "progress": False} | options)
+    few = {"num_points": 40, "num_dense_points": 200}
+    return align_collection(shapes, **{"jobs": 1, "progress": False, "sampling": few} | options)
 
 
 def posed_bumpy(num, rng, subdivisions=3):

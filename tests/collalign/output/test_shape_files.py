@@ -1,14 +1,17 @@
 """Which shapes the contact sheet draws, and the colours of their places."""
 
 import dataclasses
+from io import BytesIO
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from collalign.output import write
 from collalign.output.vertex_maps import PlaceColours
-from collalign.output.views import contact_sheet
+from collalign.output.views import contact_sheet, draw_panels, painted
 from collalign.products.consistent_maps import VertexMaps
+from data_tools.html_pages import new_figure
 from data_tools.io.output_folder import OutputFolder
 from data_tools.surface.shape import Shape
 from tests.view_problems import bumpy_shapes, view_of
@@ -56,9 +59,35 @@ def test_the_contact_sheet_shows_every_shape_before_and_after_in_its_own_cell():
         (Shape.from_arrays(vertices[0], own, name=""), np.eye(4), float("nan"))
         for own in (faces, faces, np.empty((0, 3), dtype=int))
     ]
-    figure = contact_sheet(tiles)
-    figure.canvas.draw()
-    dark = np.asarray(figure.canvas.buffer_rgba())[..., :3].min(axis=2) < 250
+    dark = np.asarray(contact_sheet(tiles)).min(axis=2) < 250
     cells = dark.reshape(2, dark.shape[0] // 2, 4, dark.shape[1] // 4).mean(axis=(1, 3))
     assert cells[0].min() > 0.3, "the share of a cell that a round mesh covers"
     np.testing.assert_array_equal(cells[1] > 0, [True, True, False, False])
+
+
+def test_a_panel_is_painted_over_those_before_it_and_lies_in_its_place_of_a_figure():
+    corners = np.array([[[0.0, 0.0], [2.0, 0.0], [0.0, 1.0]]])
+    red, blue = (corners, np.array([[1.0, 0.0, 0.0]])), (0.5 * corners, np.array([[0.0, 0.0, 1.0]]))
+    pixels = np.asarray(painted([red, blue], (2.0, 1.0), 40.0))
+    assert pixels.shape == (40, 80, 3)
+    assert pixels[38, 2].tolist() == [0, 0, 255], "the lower left corner, which both cover"
+    assert pixels[38, 60].tolist() == [255, 0, 0]
+    assert pixels[2, 78].tolist() == [255, 255, 255]
+    assert np.asarray(painted([blue, red], (2.0, 1.0), 40.0))[38, 2].tolist() == [255, 0, 0]
+    point = (np.array([[1.0, 0.5]]), np.array([[0.0, 0.0, 0.0]]))
+    assert np.asarray(painted([point], (2.0, 1.0), 40.0))[20, 40].max() < 100
+    figure = new_figure(figsize=(2.0, 1.0), dpi=40)
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(0.0, 2.0), ylim=(0.0, 1.0))
+    axes.set_axis_off()
+    draw_panels(axes, [red, blue])
+    figure.savefig(drawn := BytesIO(), format="png")
+    shown = np.asarray(Image.open(drawn).convert("RGB")).astype(int)
+    assert np.abs(shown - pixels).mean() < 4.0
+    assert (axes.get_xlim(), axes.get_ylim()) == ((0.0, 2.0), (0.0, 1.0))
+
+
+@pytest.mark.parametrize("name", ["two\nlines", "\udcff", "\u65e5\u672c", ""])
+def test_names_of_any_letters_are_drawn(name):
+    vertices, faces = bumpy_shapes(1, subdivisions=1)
+    shape = Shape.from_arrays(vertices[0], faces, name=name)
+    assert contact_sheet([(shape, np.eye(4), 0.5)]).size == (600, 180)
