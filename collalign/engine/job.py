@@ -223,9 +223,9 @@ class Job(Generic[T]):
         """Return the key of a result, see :func:`collalign.engine.store.fingerprint`."""
         return fingerprint(self.version, settings, *contents)
 
-    def shared(self, key: str, reader: Reader[Any] | None = None) -> Shared:
+    def shared(self, key: str) -> Shared:
         """Return what stands for a result of this job among the arguments of another one."""
-        return Shared(key=key, reader=reader or self.reader, kind=self.kind)
+        return Shared(key=key, reader=self.reader, kind=self.kind)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -280,9 +280,9 @@ class Results(Mapping[K, T]):
     def __len__(self) -> int:
         return len(self._wanted) - len(self.failures)
 
-    def shared(self, name: K, reader: Reader[Any] | None = None) -> Shared:
+    def shared(self, name: K) -> Shared:
         """Return what stands for a result among the arguments of another job."""
-        return self._job.shared(self._wanted[name].key, reader)
+        return self._job.shared(self._wanted[name].key)
 
 
 def run_task(

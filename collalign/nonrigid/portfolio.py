@@ -390,6 +390,21 @@ def agreements(target: SpectralShape, found: Sequence[Refined]) -> FloatArray:
     )
 
 
+#: Weight of the orientation, at most 1, relative to the logarithm of the agreement. Chosen on 49 pairs.
+#: It does not see half turns of upright bodies.
+ORIENTATION_WEIGHT = 0.4
+
+
+def support(agreement: FloatArray, orientations: FloatArray) -> FloatArray:
+    """Return log-odds of candidates, (m,), by their agreement with the others and their orientation, (m,) each.
+
+    Those that swap left and right are out of the question if others do not.
+    """
+    sides = np.nan_to_num(orientations)
+    log_odds = np.log(agreement) + ORIENTATION_WEIGHT * sides
+    return np.where((sides >= 0.0) | (sides < 0.0).all(), log_odds, -np.inf)
+
+
 def standing(target: SpectralShape, found: Sequence[Refined], number: int) -> tuple[float, float]:
     """Return how many points the other candidates take to the same places as one does, and its lead over others.
 

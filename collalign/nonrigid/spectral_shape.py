@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array, diags_array
@@ -10,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from collalign.nonrigid.map_options import SurfaceOptions
 from collalign.nonrigid.tips import Tips, find_tips
-from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.arrays import FloatArray, Holds, IntArray, read_only
 from data_tools.embedding.invariants import NUM_SPECTRUM, wave_kernel_signature
 from data_tools.embedding.sampling import farthest_points
 from data_tools.embedding.working_surface import WorkingSurface
@@ -158,23 +159,23 @@ class SpectralShape:
     """
 
     name: str
-    vertices: FloatArray
-    faces: IntArray
-    to_working: IntArray
-    to_original: IntArray
-    in_file: IntArray
-    points: FloatArray
+    vertices: Annotated[FloatArray, Holds(shape="w 3")]
+    faces: Annotated[IntArray, Holds(shape="_ 3")]
+    to_working: Annotated[IntArray, Holds(shape="_", lower=-1)]
+    to_original: Annotated[IntArray, Holds(shape="w")]
+    in_file: Annotated[IntArray, Holds(shape="p")]
+    points: Annotated[FloatArray, Holds(shape="p 3")]
     places: SurfacePoints
-    area: float
-    eigenvalues: FloatArray
-    functions: FloatArray
-    mass: FloatArray
-    agd: FloatArray
-    waves: FloatArray
-    curvature: FloatArray
-    samples: IntArray
-    dense: IntArray
-    orientation: FloatArray
+    area: Annotated[float, Holds(positive=True)]
+    eigenvalues: Annotated[FloatArray, Holds(shape="m")]
+    functions: Annotated[FloatArray, Holds(shape="w m")]
+    mass: Annotated[FloatArray, Holds(shape="w")]
+    agd: Annotated[FloatArray, Holds(shape="w")]
+    waves: Annotated[FloatArray, Holds(shape="w _")]
+    curvature: Annotated[FloatArray, Holds(shape="w _", nan=True)]
+    samples: Annotated[IntArray, Holds(shape="_")]
+    dense: Annotated[IntArray, Holds(shape="s")]
+    orientation: Annotated[FloatArray, Holds(shape="s _ _", nan=True)]
     tips: Tips
     notes: tuple[Note, ...]
 
@@ -192,6 +193,28 @@ class SpectralShape:
     def working_shape(self) -> Shape:
         """The working surface as a shape."""
         return Shape.from_arrays(self.vertices, self.faces, name=self.name)
+
+    @property
+    def mirrored(self) -> SpectralShape:
+        """The mirror image of a mesh, its triangles outward."""
+        flip = np.array([-1.0, 1.0, 1.0])
+        return replace(
+            self,
+            vertices=self.vertices * flip,
+            faces=self.faces[:, ::-1],
+            points=self.points * flip,
+            orientation=-self.orientation,
+        )
+
+    def coarse(self, num_dense: int, num_functions: int) -> SpectralShape:
+        """Return the shape with its first dense samples, which are spread evenly, and its lowest functions alone."""
+        return replace(
+            self,
+            dense=self.dense[:num_dense],
+            orientation=self.orientation[:num_dense],
+            eigenvalues=self.eigenvalues[:num_functions],
+            functions=self.functions[:, :num_functions],
+        )
 
 
 @one_blas_thread()

@@ -11,6 +11,7 @@ import numpy as np
 from collalign.engine.job import Job, Results, T, Wanted
 from collalign.nonrigid.common_bases import choose_maps, common_bases
 from collalign.nonrigid.map_options import SurfaceOptions
+from collalign.nonrigid.spectral_shape import SpectralShape
 from collalign.options import AlignSession
 from collalign.products.consistent_maps import VertexMaps
 from collalign.products.pair import AlignedPair
@@ -19,21 +20,15 @@ from collalign.stages.deformation_jobs import (
     CANDIDATES,
     FIRST_SIZE,
     REFINING,
-    VertexSurface,
     places_on_reference,
     prepare_all_detailed,
 )
-from collalign.stages.evidence.map_surfaces import StoredSurface
 from collalign.stages.poses.refinement import local_pairs
-from collalign.stages.shape_stage import SAMPLING
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.notes import Note
-from data_tools.poses import APART_DEG
-from data_tools.rotations import rotation_angle_deg
 
-#: Triangles of a surface, at most: places of vertices are as exact as these. Most poses that start maps of a pair:
-#: the common one, and candidates of the pair that are different answers.
-MAX_FACES, MAX_STARTS = 50_000, 5
+#: Triangles of a surface, at most: places of vertices are as exact as these.
+MAX_FACES = 50_000
 _SMALLEST = float(np.finfo(float).tiny)
 
 
@@ -42,11 +37,11 @@ def map_vertices(
 ) -> VertexMaps | None:
     """Map all vertices between all shapes that the pairs connect, consistently; None where fewer than two are.
 
-    Similar shapes are mapped pair by pair, from the common poses and from other poses that the pairs offer. One
-    candidate of each pair is chosen by its evidence and by agreement around cycles; a common basis of functions
-    (consistent latent basis) is fitted, the pairs' maps are refined from there by ZoomOut in all functions, as in
-    Consistent ZoomOut (Huang, Ren, Wonka, Ovsjanikov 2020), and the basis that these agree with takes one shape, the
-    reference, to all others, on which it is fitted: every vertex belongs where it lies on the fitted reference.
+    Similar shapes are mapped pair by pair, whatever their poses. One candidate of each pair is chosen by its evidence
+    and by agreement around cycles; a common basis of functions (consistent latent basis) is fitted, the pairs' maps
+    are refined from there by ZoomOut in all functions, as in Consistent ZoomOut (Huang, Ren, Wonka, Ovsjanikov 2020),
+    and the basis that these agree with takes one shape, the reference, to all others, on which it is fitted: every
+    vertex belongs where it lies on the fitted reference.
 
     Parameters
     ----------
@@ -65,14 +60,7 @@ def map_vertices(
     members, chosen = _linked(_similar(len(shapes.names), able))
     if not chosen:
         return None
-    tried = {
-        _ends(pair): {
-            "start": _starts(pair, rotations[pair.target].T @ rotations[pair.source]),
-            "target": SAMPLING.shared(shapes.keys[pair.target]),
-            "source": SAMPLING.shared(shapes.keys[pair.source]),
-        }
-        for pair in chosen
-    }
+    tried = {_ends(pair): {"mirrored": _are_mirrored(rotations, *_ends(pair))} for pair in chosen}
     found = _of_pairs(CANDIDATES, session, shapes, surfaces, tried)
     members, chosen = _linked([pair for pair in chosen if _ends(pair) in found])
     if not chosen:
@@ -142,7 +130,7 @@ def _of_pairs(
     job: Job[T],
     session: AlignSession,
     shapes: Shapes,
-    surfaces: Results[int, StoredSurface],
+    surfaces: Results[int, SpectralShape],
     arguments: Mapping[tuple[int, int], Mapping[str, Any]],
 ) -> Results[tuple[int, int], T]:
     """Return what a job makes of the surfaces of pairs and of what it starts from; pairs that fail are left out."""
@@ -151,7 +139,8 @@ def _of_pairs(
         both = surfaces.shared(target), surfaces.shared(source)
         wanted[target, source] = Wanted(
             key=job.key(
-                {"function": job.run.__name__, "start": own["start"].tolist()},
+                {"function": job.run.__name__}
+                | {name: np.asarray(value).tolist() for name, value in own.items()},
                 *(one.key for one in both),
             ),
             label=shapes.label(target, source),
@@ -161,19 +150,9 @@ def _of_pairs(
     return session.compute(job, wanted, time_limit_s=limit_s, strict=session.options.strict)
 
 
-def _starts(pair: AlignedPair, common: FloatArray) -> FloatArray:
-    """Return the relative rotation of the common poses and those of the pair's likeliest other candidates."""
-    starts = [common]
-    for candidate in np.argsort(pair.doubts, kind="stable"):
-        rotation = pair.rotations[candidate, :3, :3]
-        angles = np.nan_to_num(rotation_angle_deg(np.stack(starts), rotation), nan=0.0)
-        if (
-            len(starts) < MAX_STARTS
-            and np.isfinite(pair.doubts[candidate])
-            and (angles > APART_DEG).all()
-        ):
-            starts.append(rotation)
-    return np.stack(starts)
+def _are_mirrored(rotations: FloatArray, target: int, source: int) -> bool:
+    """Return whether one of two shapes, and not the other, is mirrored in the common frame."""
+    return bool(np.linalg.det(rotations[target] @ rotations[source]) < 0)
 
 
 def _vertices(
@@ -183,17 +162,15 @@ def _vertices(
     bases: FloatArray,
     residuals: FloatArray,
     rotations: FloatArray,
-    surfaces: Results[int, StoredSurface],
+    surfaces: Results[int, SpectralShape],
 ) -> VertexMaps:
     """Return the maps of all vertices that the bases give, through the most central shape."""
     centre = int(np.argmin(residuals))
     tasks = {
         shape: {
-            "reference": surfaces.shared(members[centre], VertexSurface),
-            "shape": surfaces.shared(shape, VertexSurface),
+            "surfaces": (surfaces.shared(members[centre]), surfaces.shared(shape)),
             "bases": np.stack([bases[centre], bases[position]]),
-            "samples": (surfaces.shared(members[centre]), surfaces.shared(shape)),
-            "mirrored": bool(np.linalg.det(rotations[members[centre]] @ rotations[shape]) < 0),
+            "mirrored": _are_mirrored(rotations, members[centre], shape),
         }
         for position, shape in enumerate(members)
     }

@@ -16,7 +16,7 @@ from scipy.optimize import minimize_scalar
 from collalign.confidence import map_model
 from collalign.engine.records import Record
 from collalign.engine.store import Store
-from collalign.tools.match import nonrigid as match
+from collalign.nonrigid import portfolio
 from data_tools.arrays import BoolArray, FloatArray
 from experiments.calibration.scan import Calibration, Constant, Finding, constants_of, patched, scan
 from experiments.confidence.fit import fit_weights
@@ -81,17 +81,19 @@ def measure_maps(data: Path, collections: Sequence[str], quick: bool) -> dict[st
     )
 
     def share(collection: str, changed: Mapping[str, Constant]) -> float:
-        with patched(match, changed):
+        with patched(portfolio, changed):
             return float(np.mean([_is_chosen_right(pair) for pair in drawn[collection]]))
 
-    return found | scan(constants_of(match, "ORIENTATION_WEIGHT"), collections, share, quick=quick)
+    return found | scan(
+        constants_of(portfolio, "ORIENTATION_WEIGHT"), collections, share, quick=quick
+    )
 
 
 def _is_chosen_right(pair: Record) -> bool:
-    at = match.most_supported(
+    log_odds = portfolio.support(
         pair["standing"][:, 0], pair["evidence"][:, EVIDENCE.index("orientation")]
     )
-    return bool(right_candidates(pair)[at])
+    return bool(right_candidates(pair)[np.argmax(log_odds)])
 
 
 def _fitted(
@@ -142,7 +144,7 @@ CALIBRATION = Calibration(
     constants=constants_of(
         map_model, "MAP_WEIGHTS", "MAP_CONSTANT", "POINT_WEIGHTS", "POINT_CONSTANT"
     )
-    | constants_of(match, "ORIENTATION_WEIGHT"),
+    | constants_of(portfolio, "ORIENTATION_WEIGHT"),
     measure=measure_maps,
     collections=(*PAIRS, CUT_BIPEDS),
     score="1 - expected calibration error of chosen maps; of ORIENTATION_WEIGHT the share of them that is right",

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import tempfile
 import time
 from dataclasses import astuple, fields
+from itertools import combinations
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from collalign import AlignOptions, RunOptions, align_collection
 from collalign.confidence.map_model import NEAR, Evidence, map_probability, map_terms
 from collalign.engine.records import Record
 from collalign.nonrigid.map_options import NonrigidOptions
@@ -16,7 +20,11 @@ from collalign.nonrigid.spectral_shape import SpectralShape
 from collalign.tools.match.every_vertex import vertex_maps
 from collalign.tools.match.nonrigid import finished
 from data_tools.arrays import FloatArray, IntArray
+from data_tools.io.shapes import write_mesh
+from data_tools.rotations import random_rotation
+from data_tools.surface.shape import Shape
 from experiments.experiment import Bench, Cell, Experiment, Outcome
+from experiments.maps.evaluation import MapEvaluator
 from experiments.maps.map_cells import (
     NUM_EVALUATED,
     QUICK_SURFACE,
@@ -25,6 +33,7 @@ from experiments.maps.map_cells import (
     map_set,
     mirror_of,
     prepared,
+    true_places,
 )
 from experiments.maps.map_sets import (
     ANIMALS,
@@ -33,6 +42,8 @@ from experiments.maps.map_sets import (
     BODIES,
     FOLDERS,
     SEED,
+    Pair,
+    kinds_of,
     read_map_set,
     some_pairs,
 )
@@ -41,8 +52,15 @@ from experiments.tables import Column, Row, Table
 
 #: Pairs of each set, at most.
 SETS = {BIPEDS: 20, BIPEDS_APART: 40, BODIES: 20, ANIMALS: 9, "scape": 12, "tosca": 6}
-#: Raised when the maps change.
-VERSION = "3"
+#: Folders of bodies of several kinds: of which set, and how many of each kind.
+MIXED = {
+    BODIES: {"human": 6, "armadillo": 3},
+    BIPEDS: {"person": 4, "ape": 3},
+    BIPEDS_APART: {"person": 4, "gibbon": 2, "kangaroo": 2},
+    ANIMALS: {"cat": 6, "dog": 4},
+}
+#: Raised when the maps change: of pairs, and of folders.
+VERSION, MIXED_VERSION = "3", "1"
 #: Columns of the evidence in a record.
 EVIDENCE = tuple(one.name for one in fields(Evidence))
 #: Maps that are stated this or more are sure.
@@ -62,6 +80,9 @@ square root of the target's area.
 A map is *flipped* where it is nearer to the mirrored truth. The right map is *among the candidates* where one of them
 has a mean error below {FOUND_MEAN}. A map is *sure* where it is stated {SURE} or more, and right where its mean error
 is below {NEAR}. CPU time is of a pair, without the preparation of the two surfaces.
+
+The second table has folders with bodies of several kinds, drawn at random and in random poses, aligned with
+`--deformable`. All pairs of two kinds count. *Alone* they are matched as in the first table.
 """
 
 
@@ -102,6 +123,41 @@ def measure_body_map(cell: Cell) -> Record:
         "in_place": np.stack([errors.direct, *of_samples[1:]]) <= NEAR,
         **weighed(to.spectral, of.spectral, found, at),
     }
+
+
+def measure_folder(cell: Cell) -> Record:
+    """Map all vertices of a folder of bodies, and compare maps between kinds with the truth.
+
+    Settings: ``set``, ``names``, ``pairs`` (targets and sources), ``seed``.
+
+    Returns
+    -------
+    dict
+        ``errors`` and ``mirrored`` (NaN where unknown), (p,), mean errors of the pairs; ``seconds`` of the run.
+    """
+    settings = cell.settings
+    maps = map_set(cell.data, settings["set"])
+    rng = np.random.default_rng(settings["seed"])
+    with tempfile.TemporaryDirectory() as folder:
+        for name in settings["names"]:
+            shape = maps.data.shape(name)
+            posed = shape.vertices @ random_rotation(rng).T
+            write_mesh(Path(folder) / f"{name}.ply", Shape.from_arrays(posed, shape.faces))
+        started = time.process_time()
+        found = align_collection(
+            folder,
+            options=AlignOptions(deformable=True),
+            run=RunOptions(jobs=1, store=Path(folder) / "x.sqlite"),
+        ).vertex_maps
+        seconds = time.process_time() - started
+    errors, mirrored = [], []
+    for target, source in settings["pairs"]:
+        truth, flipped = true_places(maps, target, maps.landmarks(target), None)
+        evaluator = MapEvaluator(maps.data.shape(target), truth, flipped)
+        of_pair = evaluator.errors(found[target, source][maps.landmarks(source)])
+        errors.append(of_pair.direct.mean())
+        mirrored.append(np.nan if of_pair.mirrored is None else of_pair.mirrored.mean())
+    return {"errors": np.array(errors), "mirrored": np.array(mirrored), "seconds": seconds}
 
 
 def weighed(
@@ -170,21 +226,72 @@ COLUMNS = (
 
 def measured_pairs(bench: Bench, name: str, num: int) -> list[Record]:
     """Return what :func:`measure_body_map` finds of at most so many pairs of a set of maps, drawn at random."""
+    return _measured(bench, name, some_pairs(read_map_set(bench.data, name).pairs, num, SEED))
+
+
+def _measured(bench: Bench, name: str, pairs: tuple[Pair, ...]) -> list[Record]:
     surface: dict[str, Any] = QUICK_SURFACE if bench.quick else {}
     common = {"set": name, "points": NUM_EVALUATED, "surface": surface}
     cells = {
         f"{name}: {target} {source}": common | {"target": target, "source": source}
-        for target, source in some_pairs(read_map_set(bench.data, name).pairs, num, SEED)
+        for target, source in pairs
     }
     return list(bench.measure(measure_body_map, cells, version=VERSION).values())
 
 
+def drawn_kinds(kinds: dict[str, tuple[str, ...]], numbers: dict[str, int]) -> dict[str, str]:
+    """Return so many shapes of each kind, drawn at random, with their kinds."""
+    rng = np.random.default_rng(SEED)
+    return {
+        str(name): kind
+        for kind, num in numbers.items()
+        for name in rng.permutation(kinds[kind])[:num]
+    }
+
+
+def mixed_row(bench: Bench, name: str, numbers: dict[str, int]) -> Row:
+    """Return the row of one folder of several kinds."""
+    drawn = drawn_kinds(kinds_of(read_map_set(bench.data, name)), numbers)
+    pairs = tuple(pair for pair in combinations(drawn, 2) if drawn[pair[0]] != drawn[pair[1]])
+    settings = {"set": name, "names": list(drawn), "pairs": pairs, "seed": SEED}
+    label = ", ".join(f"{num} {kind}" for kind, num in numbers.items())
+    cells = {f"{name}: {label}": settings}
+    (whole,) = bench.measure(measure_folder, cells, version=MIXED_VERSION).values()
+    alone = _measured(bench, name, pairs)
+    errors = np.array([[one["error"], one["mirrored"]] for one in alone]).T
+    return {
+        "set": f"{name}: {label}",
+        "pairs": len(pairs),
+        "alone": float(errors[0].mean()),
+        "flipped_alone": 100.0 * float((errors[1] < errors[0]).mean()),
+        "folder": float(whole["errors"].mean()),
+        "flipped": 100.0 * float((whole["mirrored"] < whole["errors"]).mean()),
+        "seconds": whole["seconds"],
+    }
+
+
+MIXED_COLUMNS = (
+    Column(key="set", title="folder"),
+    Column(key="pairs", title="pairs of two kinds"),
+    Column(key="alone", title="alone: mean error", format=".3f"),
+    Column(key="flipped_alone", title="flipped, %", format=".0f"),
+    Column(key="folder", title="in the folder: mean error", format=".3f"),
+    Column(key="flipped", title="flipped, %", format=".0f"),
+    Column(key="seconds", title="CPU time of the folder, s", format=".0f", clock=True),
+)
+
+
 def measure(bench: Bench) -> Outcome:
-    """Map the pairs of all sets; with ``--quick`` one pair of generated bodies."""
+    """Map the pairs of all sets, and folders of them; with ``--quick`` one pair of generated bodies."""
     bench.seeds.add(SEED)
     sets = {BIPEDS: 1} if bench.quick else SETS
     rows = [row_of(name, measured_pairs(bench, name, num)) for name, num in sets.items()]
-    return Outcome(tables=(Table(columns=COLUMNS, rows=tuple(rows)),))
+    mixed = {} if bench.quick else MIXED
+    folders = tuple(mixed_row(bench, name, numbers) for name, numbers in mixed.items())
+    mixed_table = Table(name="folders", columns=MIXED_COLUMNS, rows=folders)
+    return Outcome(
+        tables=(Table(columns=COLUMNS, rows=tuple(rows)), *((mixed_table,) if folders else ()))
+    )
 
 
 EXPERIMENT = Experiment(

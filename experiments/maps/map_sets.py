@@ -200,6 +200,16 @@ def _animals(folder: Path) -> Dataset:
     return Dataset(names=tuple(names), loaders=tuple(loaders), landmark_vertices=marks)
 
 
+def kinds_of(maps: MapSet) -> dict[str, tuple[str, ...]]:
+    """Return the shapes of each kind of a set of maps between kinds."""
+    names, half = maps.data.names, len(maps.data) // 2
+    if maps.name in (BODIES, ANIMALS):
+        first, second = maps.name.split(" and ")
+        return {first: names[:half], second: names[half:]}
+    kinds = dict.fromkeys(name.split()[0] for name in names)
+    return {kind: tuple(name for name in names if name.split()[0] == kind) for kind in kinds}
+
+
 def _pairs_of_kinds(data: Dataset) -> tuple[Pair, ...]:
     """Return a pair for each shape of the first half and one of the second, in either direction by turns."""
     half = len(data) // 2

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Annotated
-
-import numpy as np
 
 from collalign.engine.job import Job, Results
 from collalign.nonrigid.pose_maps import (
@@ -49,17 +47,6 @@ class StoredSurface:
     def spectral(self) -> SpectralShape:
         """The surface as maps need it."""
         return spectral_samples(**{name: getattr(self, name) for name in OF_SPECTRAL})
-
-    @property
-    def mirrored(self) -> StoredSurface:
-        """The mirror image, its normals outward."""
-        flip = np.array([-1.0, 1.0, 1.0])
-        return replace(
-            self,
-            vertices=self.vertices * flip,
-            normals=self.normals * flip,
-            orientation=-self.orientation,
-        )
 
     @cached_property
     def posed(self) -> PosedSurface:

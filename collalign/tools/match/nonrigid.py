@@ -21,6 +21,7 @@ from collalign.nonrigid.portfolio import (
     mended,
     same_places,
     sharpened,
+    support,
     trust_of,
 )
 from collalign.nonrigid.spectral_shape import SpectralShape, prepare_surface
@@ -203,9 +204,6 @@ def _lines(point_map: IntArray) -> bytes:
 HALF_TURN_DEG = 120.0
 #: Of a map that is stated less a user hears that it may be half turned.
 SURE = 0.9
-#: Weight of the orientation, at most 1, relative to the logarithm of the agreement. Chosen on 49 pairs.
-#: It does not see half turns of upright bodies.
-ORIENTATION_WEIGHT = 0.4
 
 
 @one_blas_thread()
@@ -381,15 +379,8 @@ def chosen_first(
     sides = np.array([c.evidence.orientation for c in ordered])
     if options.orientation == "any":
         sides = np.abs(sides)
-    chosen = ordered[most_supported(agreements(target, ordered), sides)]
+    chosen = ordered[int(np.argmax(support(agreements(target, ordered), sides)))]
     return [chosen, *(c for c in ordered if c is not chosen)]
-
-
-def most_supported(agreement: FloatArray, orientations: FloatArray) -> int:
-    """Return the position of the candidate that is chosen, by the agreement with others and the orientation, (m,)."""
-    sides = np.nan_to_num(orientations)
-    support = np.log(agreement) + ORIENTATION_WEIGHT * sides
-    return int(np.argmax(np.where((sides >= 0.0) | (sides < 0.0).all(), support, -np.inf)))
 
 
 def _public(target: SpectralShape, candidate: Refined) -> NonrigidCandidate:

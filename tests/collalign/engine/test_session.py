@@ -121,7 +121,7 @@ def test_a_table_holds_what_readers_ask_for_alone():
         for key in ("a", "b"):
             store.put("shapes", key, {"root": 1.0, "total": 2.0, "large": 3.0})
         root, total, whole = (
-            {"x": replace(JOB, kind="shapes").shared("a", reader)}
+            {"x": replace(JOB, kind="shapes", reader=reader).shared("a")}
             for reader in (Root, Sum, record_fields)
         )
         every = ["large", "root", "total"]

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from collalign.nonrigid.map_options import NonrigidOptions
-from collalign.nonrigid.portfolio import MOST_LEAD, SCORE_SCALE, point_terms, standing, trust_of
+from collalign.nonrigid.portfolio import (
+    MOST_LEAD,
+    SCORE_SCALE,
+    point_terms,
+    standing,
+    support,
+    trust_of,
+)
 from collalign.tools.match.nonrigid import chosen_first
 
 NUM = 50
@@ -59,6 +66,15 @@ def test_the_choice_is_what_others_agree_with_and_keeps_the_sides():
     swapped = [candidate(BACKWARDS, -2.0, orientation=-1.0), candidate(SAME, -1.9)]
     assert chosen_first(SHAPE, swapped, NonrigidOptions())[0] is swapped[1]
     assert chosen_first(SHAPE, swapped, NonrigidOptions(orientation="any"))[0] is swapped[0]
+
+
+def test_maps_that_swap_sides_have_support_only_among_their_like():
+    agreement = np.array([0.9, 0.2])
+    assert support(agreement, np.array([-0.5, 0.5]))[0] == -np.inf
+    both = support(agreement, np.array([-0.5, -0.5]))
+    assert np.isfinite(both).all()
+    assert both[0] > both[1]
+    assert np.isfinite(support(agreement, np.full(2, np.nan))).all()
 
 
 def test_points_that_candidates_take_elsewhere_or_that_do_not_come_back_are_doubted():

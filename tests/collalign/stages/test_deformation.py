@@ -9,13 +9,11 @@ from collalign import load
 from collalign.align import align_collection
 from collalign.nonrigid.common_bases import choose_maps, common_bases, map_residuals
 from collalign.nonrigid.map_options import SurfaceOptions
-from collalign.nonrigid.pose_maps import sampled_surface
 from collalign.nonrigid.spectral_shape import prepare_surface
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, load_vertex_maps
 from collalign.products.consistent_maps import VertexMaps
 from collalign.stages.deformation import vertex_notes
 from collalign.stages.deformation_jobs import trust_of_places
-from collalign.stages.evidence.map_surfaces import StoredSurface
 from data_tools.datasets.synthetic import bent, mirrored
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
@@ -138,14 +136,13 @@ def test_right_places_are_trusted_and_those_of_the_other_side_are_not(deformed):
     assert maps.confidence.min() > 0.5
     at = maps.names.index(maps.reference)
     small = SurfaceOptions(num_functions=60, num_dense=300)
-    sampled = (sampled_surface(prepare_surface(shapes[i], small)) for i in (at, at - 1))
-    surfaces = tuple(StoredSurface.of(one.spectral, one.normals) for one in sampled)
+    target, source = (prepare_surface(shapes[i], small) for i in (at, at - 1))
     right, other = maps.places[at - 1], 2 * maps.places[at - 1].mean(axis=0) - maps.places[at - 1]
     wrong = (
         SurfaceLocator(shapes[at].vertices, shapes[at].faces).closest(other).on(shapes[at].vertices)
     )
     stated = [
-        trust_of_places(shapes[at - 1], places, surfaces, mirrored=False)
+        trust_of_places(target, source, places[source.to_original[source.dense]])
         for places in (right, wrong)
     ]
     assert stated[0][0] > 0.5 > 0.2 > stated[1][0]
