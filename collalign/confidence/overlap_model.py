@@ -94,19 +94,19 @@ def hinted_log_odds(
 
     The scans were taken one after the other, if they are ``in_order``; one of the rough rotations (m, 3, 3) is right.
     """
-    odds = np.full(len(rotations), ORDER_ODDS if in_order else 0.0)
+    return hinted_evidence(rotations, in_order=in_order, rough=rough) @ [ORDER_ODDS, ROUGH_ODDS]
+
+
+def hinted_evidence(
+    rotations: FloatArray, *, in_order: bool, rough: FloatArray | None = None
+) -> FloatArray:
+    """Return what :data:`ORDER_ODDS` and :data:`ROUGH_ODDS` weigh, shape (p, 2)."""
+    found = np.zeros((len(rotations), 2))
+    found[:, 0] = in_order
     if rough is not None:
         is_near = pose_angle_deg(rotations[:, None], rough).min(axis=1) <= ROUGH_DEG
-        odds += np.where(is_near, ROUGH_ODDS, -ROUGH_ODDS)
-    return odds
-
-
-def overlap_chances(poses: LocalPoses, *, hinted: FloatArray | float = 0.0) -> FloatArray:
-    """Return how probable each pose is, shape (p,); what they leave is that none is right.
-
-    Hints add their log-odds (p,).
-    """
-    return chances_of(overlap_log_odds(poses) + hinted)
+        found[:, 1] = np.where(is_near, 1.0, -1.0)
+    return found
 
 
 def chances_of(odds: FloatArray) -> FloatArray:

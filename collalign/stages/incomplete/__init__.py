@@ -4,6 +4,7 @@
 * ``posed_points``: their surfaces
 * ``place``, ``add``: one on several others; all on the complete ones
 * ``scans``, ``join``: where none is complete: pairs, and all of them together
+* ``on_model``: where one is, and all others are scans of it
 
 Word: **incomplete**: of a shape of a collection that lacks parts, which are *missing*. *Partial* is of two surfaces
 that share a part.

@@ -16,8 +16,8 @@ import numpy as np
 
 from collalign.confidence.overlap_model import (
     MOST_CERTAIN,
+    chances_of,
     conflict_log_odds,
-    overlap_chances,
 )
 from collalign.confidence.pose_model import MOST_CONFIDENT
 from data_tools.arrays import BoolArray, FloatArray, IntArray
@@ -84,6 +84,8 @@ class JoinedScans:
         That a shape lies right relative to the best held one of its part; 0 for shapes that nothing joins.
     chances : mapping of (int, int) to ndarray, shape (p,)
         How probable each pose of each pair is.
+    overlaps : mapping of (int, int) to LocalPoses
+        The poses themselves.
     kept : mapping of (int, int) to LocalPoses
         The pairs that hold them, each with one pose: the common one.
     parts : list of ndarray of int
@@ -95,6 +97,7 @@ class JoinedScans:
     transforms: FloatArray
     confidence: FloatArray
     chances: Chances
+    overlaps: Overlaps
     kept: Overlaps
     parts: list[IntArray]
     cuts: list[WeakCut]
@@ -104,9 +107,7 @@ class JoinedScans:
 def join_scans(
     surfaces: Sequence[LocalSurface],
     overlaps: Overlaps,
-    group: str,
-    *,
-    hinted: Chances | None = None,
+    log_odds: Mapping[tuple[int, int], FloatArray],
 ) -> JoinedScans:
     """Join shapes by the pairs that overlap.
 
@@ -116,15 +117,10 @@ def join_scans(
         In one unit of length, with one cell.
     overlaps : mapping of (int, int) to LocalPoses
         What pairs i < j share.
-    group : {"SO", "O"}
-    hinted : mapping of (int, int) to ndarray, shape (p,), optional
-        Log-odds that hints of the caller add to poses of pairs.
+    log_odds : mapping of (int, int) to ndarray, shape (p,)
+        Of each of their poses against that none of the pair is right.
     """
-    hinted = hinted or {}
-    chances = {
-        pair: overlap_chances(poses, hinted=hinted.get(pair, 0.0))
-        for pair, poses in overlaps.items()
-    }
+    chances = {pair: chances_of(odds) for pair, odds in log_odds.items()}
     transforms, block = np.tile(np.eye(4), (len(surfaces), 1, 1)), np.arange(len(surfaces))
     num_before = len(surfaces) + 1
     agreeing: Overlaps = {}
@@ -151,6 +147,7 @@ def join_scans(
         transforms=transforms,
         confidence=confidence,
         chances=chances,
+        overlaps=overlaps,
         kept=kept,
         parts=parts,
         cuts=cuts,
