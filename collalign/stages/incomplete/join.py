@@ -34,10 +34,6 @@ JOINING_CHANCE, PROPOSED_CHANCE = 0.5, 0.05
 CONSISTENT_DEG, CONSISTENT_CELLS = 10.0, 5.0
 #: Of pairs that agree, all but the surest count by this share: what makes one err, such as a symmetry, makes many.
 SHARED_CAUSE = 0.3
-#: So much of a shape is in front of what was seen of another one where poses are right, and contradicts nothing.
-#: The place of a camera is off by up to half a metre: frames of a generated room have up to .019. One frame of a real
-#: room is lost with .02, none with .03 and .04. Chosen on these.
-HARMLESS = 0.03
 #: Cutoffs of the joint refinement's steps, in cells, and points of each surface that take part in a pair.
 JOINT_STEPS, JOINT_POINTS = (*(2.0,) * 3, *(1.2,) * 5, *(0.8,) * 8), 400
 
@@ -344,9 +340,7 @@ def _contradictions(
                 in_front, beside = sight_conflicts(
                     surfaces[i], surfaces[j], relative[None, :3, :3], relative[None, :3, 3]
                 )
-                # A little is in front where poses are right, and a scan that lacks a part has others' points beside
-                # it, but none of its own beside theirs.
-                in_front = np.maximum(in_front - HARMLESS, 0.0)
+                # A scan that lacks a part has others' points beside it, but none of its own beside theirs.
                 mutual = beside.min(axis=1, keepdims=True)
                 found[m, n] = conflict_log_odds(in_front, np.broadcast_to(mutual, (1, 2)))[0]
     return _together(found.ravel())
