@@ -118,7 +118,8 @@ class AlignOptions:
     incomplete : str
         Shapes of which parts are missing: their names, separated by commas; never, all (scans from several sides), or
         auto for those beyond whose rim the others go on. They are posed on the complete ones of their kind, or where
-        there is none on each other, by what has a counterpart there.
+        there is none on each other, by what has a counterpart there. Scans are posed on one complete shape, their
+        model, at the sizes of the files.
     ignore_extra : bool
         Leave material that no other shape has, such as a stand, plaster or a neighbouring bone, out of
         correspondences and statistics. Poses ignore it in any case, and a note says where it is.

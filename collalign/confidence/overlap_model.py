@@ -21,11 +21,13 @@ LEAST_CONSENSUS, UNEXPLAINED = 0.03, 0.1
 #: the whole that is covered. ``python -m experiments calibrate wholes`` fits them.
 WHOLE_WEIGHTS = (2.4, -1.0, 3.5, 1.5, 0.02)
 #: Scans that were taken one after the other overlap: by so much their poses are more probable than those of any two.
-#: Chosen: if nine of ten of them overlap, and half of all pairs, it is 2.2. On 14 images of a corridor 3 joins alike.
-ORDER_ODDS = 2.0
+#: ``python -m experiments calibrate overlaps`` fits this and the next two numbers.
+ORDER_ODDS = 2.5
 #: A rough pose is right within so many degrees. By so much poses within them are more probable, and others less.
-#: Chosen: one in a hundred random rotations is so near, which would be 4.6 if wrong poses were random.
-ROUGH_DEG, ROUGH_ODDS = 30.0, 3.0
+ROUGH_DEG, ROUGH_ODDS = 30.0, 3.2
+#: So much of an image of a scene is in front of what another one saw where poses are right, at most: the place of a
+#: camera is off.
+HARMLESS = 0.034
 #: Shares of matches below this count as this: a match more or less says nothing.
 LEAST_SHARE = 0.01
 #: No pose of a pair is surer than this: what looks alike may not be the same place.
@@ -82,9 +84,12 @@ def on_whole_evidence(poses: LocalPoses, least: float) -> FloatArray:
 
 
 def conflict_log_odds(in_front: FloatArray, beside: FloatArray) -> FloatArray:
-    """Return the log-odds against poses that conflict so much with what was seen, shares (p, 2), shape (p,)."""
+    """Return the log-odds against poses that conflict so much with what was seen, shares (p, 2), shape (p,).
+
+    Up to :data:`HARMLESS` in front contradict nothing.
+    """
     weights = np.array(OVERLAP_WEIGHTS)[_row(in_front, beside), 2]
-    return np.asarray(-weights * conflict(in_front, beside))
+    return np.asarray(-weights * conflict(np.maximum(in_front - HARMLESS, 0.0), beside))
 
 
 def hinted_log_odds(
@@ -94,19 +99,19 @@ def hinted_log_odds(
 
     The scans were taken one after the other, if they are ``in_order``; one of the rough rotations (m, 3, 3) is right.
     """
-    odds = np.full(len(rotations), ORDER_ODDS if in_order else 0.0)
+    return hinted_evidence(rotations, in_order=in_order, rough=rough) @ [ORDER_ODDS, ROUGH_ODDS]
+
+
+def hinted_evidence(
+    rotations: FloatArray, *, in_order: bool, rough: FloatArray | None = None
+) -> FloatArray:
+    """Return what :data:`ORDER_ODDS` and :data:`ROUGH_ODDS` weigh, shape (p, 2)."""
+    found = np.zeros((len(rotations), 2))
+    found[:, 0] = in_order
     if rough is not None:
         is_near = pose_angle_deg(rotations[:, None], rough).min(axis=1) <= ROUGH_DEG
-        odds += np.where(is_near, ROUGH_ODDS, -ROUGH_ODDS)
-    return odds
-
-
-def overlap_chances(poses: LocalPoses, *, hinted: FloatArray | float = 0.0) -> FloatArray:
-    """Return how probable each pose is, shape (p,); what they leave is that none is right.
-
-    Hints add their log-odds (p,).
-    """
-    return chances_of(overlap_log_odds(poses) + hinted)
+        found[:, 1] = np.where(is_near, 1.0, -1.0)
+    return found
 
 
 def chances_of(odds: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ open may be scans of one thing instead; what they share tells.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TypeAlias
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from collalign.confidence.incomplete_model import chance_against
 from collalign.options import AUTO, AlignOptions
-from collalign.products.pair import are_weighed
+from collalign.products.pair import Pair, are_weighed
 from collalign.products.trust import DOUBT
 from collalign.stages import steps
 from collalign.stages.choose_pairs import MAX_ALL_PAIRS
@@ -26,11 +26,12 @@ from collalign.stages.extra_material import (
 )
 from collalign.stages.incomplete.add import chances_as_parts, with_incomplete
 from collalign.stages.incomplete.detect import LIKELIER, are_too_many, find_incomplete
+from collalign.stages.incomplete.on_model import align_on_model
 from collalign.stages.incomplete.parts import align_parts
 from collalign.stages.incomplete.scans import align_scans, match_badly, were_seen
 from collalign.stages.steps import Matched, Posed, Run, with_group
 from data_tools.arrays import read_only
-from data_tools.errors import CollectionError, InputError
+from data_tools.errors import InputError
 from data_tools.poses import APART_DEG, pose_angle_deg
 
 #: Why a confidence is limited: the shape is an image of one side.
@@ -64,9 +65,9 @@ def pose_all(run: Run, missing: Mapping[int, str]) -> Answer:
     matched : Matched
     posed : Posed
     """
-    if len(missing) == len(run.shapes.names):
+    if len(missing) >= len(run.shapes.names) - 1:
         matched = steps.unmatched(run)
-        scans = align_scans(with_group(run, matched.group), (), missing)
+        scans = _posed_scans(with_group(run, matched.group), (), missing)
         assert scans is not None  # which is for shapes that nobody called so
         return run, matched, scans
     known = None
@@ -99,15 +100,21 @@ def _as_scans(run: Run) -> tuple[tuple[Run, Matched] | None, Answer | None]:
     """
     if were_seen(run.shapes):
         unmatched = steps.unmatched(run)
-        scans = align_scans(with_group(run, unmatched.group), (), {})
+        scans = _posed_scans(with_group(run, unmatched.group), (), {})
         if scans is not None:
             return None, (run, unmatched, scans)
     decided, matched = steps.match(run)
     if match_badly(run.shapes, matched.pairs):
-        scans = align_scans(decided, matched.pairs, {})
+        scans = _posed_scans(decided, matched.pairs, {})
         if scans is not None:
             return None, (run, replace(matched, notes=()), scans)  # notes are about whole shapes
     return (decided, matched), None
+
+
+def _posed_scans(run: Run, pairs: Sequence[Pair], reasons: Mapping[int, str]) -> Posed | None:
+    """Return the poses of scans on their model or on each other; None where nobody said so, and they are no scans."""
+    on_model = align_on_model(run, pairs, reasons)
+    return align_scans(run, pairs, reasons) if on_model is None else on_model
 
 
 def _pose_in_rounds(
@@ -159,10 +166,6 @@ def _pose_complete(
     """Pose the shapes of which nothing is missing; section 6.3 of Maron et al. (2016)."""
     if missing:
         kept = _complete(run, missing)
-        if len(kept) < 2:
-            raise CollectionError(
-                f"{len(kept)} complete shapes: at least two are needed to pose {len(missing)} incomplete ones on"
-            )
         reference = run.session.options.reference
         if reference and run.constraints.reference in missing:
             raise InputError(f"reference: {reference!r} is incomplete; choose a complete shape")

@@ -380,7 +380,7 @@ def shared_object(signatures: Sequence[FloatArray]) -> tuple[float, ...]:
     signatures : sequence of ndarray, each (p, 16)
         As of :func:`piece_signatures`, for each shape.
     """
-    if np.mean([len(one) == 1 for one in signatures]) < LEAST_SINGLE:
+    if len(signatures) < 2 or np.mean([len(one) == 1 for one in signatures]) < LEAST_SINGLE:
         return ()
     chosen = []
     for i, own in enumerate(signatures):

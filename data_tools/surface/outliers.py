@@ -53,6 +53,8 @@ class StrayTuning(NamedTuple):
 
 
 STRAYS = StrayTuning()
+#: Scans of so many points have stray points left out: what lies off a scan hides from where it was seen.
+FEWEST_OF_SCAN = 100
 
 
 def without_outliers(

@@ -1,4 +1,4 @@
-"""The weights by which poses of two surfaces that share a part are judged: of rooms, objects and pieces.
+"""The weights by which poses of two surfaces that share a part are judged, and what hints and cameras add to them.
 
 What is known of the poses of all pairs of a kind is gathered once, and kept in ``.cache/overlaps``.
 """
@@ -12,10 +12,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import minimize, minimize_scalar
 
 from collalign.confidence import overlap_model
-from collalign.confidence.overlap_model import OVERLAP_WEIGHTS, overlap_evidence
+from collalign.confidence.overlap_model import (
+    HARMLESS,
+    ORDER_ODDS,
+    OVERLAP_WEIGHTS,
+    ROUGH_DEG,
+    ROUGH_ODDS,
+    hinted_evidence,
+    overlap_evidence,
+)
 from collalign.stages.incomplete.scans import DESCRIBING, NUM_CANDIDATES, OVERLAPPING
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.datasets.synthetic import range_view
@@ -23,6 +31,7 @@ from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.surface_points import centre_and_radius, surface_cells
 from data_tools.local_surface import PART_CELL, LocalSurface, shows_scene
 from data_tools.poses import moved_by, pose_angle_deg
+from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
 from experiments.calibration.scan import Calibration, Finding
 from experiments.collections.landmarked import read_dataset
@@ -30,7 +39,9 @@ from experiments.datasets import read_truth_folder
 from experiments.generated.rooms import depth_frames, room, way_round
 from experiments.pairs.incomplete import without_share
 from experiments.provenance import ROOT
+from pairwise.features.depth_images import sight_conflicts
 from pairwise.features.overlap import match_overlapping
+from pairwise.features.poses import rotations_by
 
 CACHE = ROOT / ".cache" / "overlaps"
 #: A real room, and generated ones: name, seed and number of frames. The scoreboard draws others.
@@ -48,6 +59,8 @@ CUT, CUT_OFF, NUM_CUT = ("chair pieces", "teddy pieces"), (0.3, 0.6), 8
 NUM_QUICK = 4
 #: A pose is right within so many degrees, and if it takes the middle of the source within so many cells.
 RIGHT_DEG, RIGHT_CELLS = 10.0, 5.0
+#: What hints may add to log-odds.
+MOST_ODDS = 12.0
 #: How much the squared weights count beside the mean log loss.
 RIDGE = 1e-4
 #: What is stated at the first should be right that often; so much of what is right should be stated at the second.
@@ -61,7 +74,7 @@ class JudgedPairs:
     Attributes
     ----------
     evidence : ndarray, shape (p, k)
-        As :func:`collalign.confidence.overlap_model.overlap_evidence` returns it.
+        As :func:`collalign.confidence.overlap_model.overlap_evidence` returns it, and what hints would say.
     right : ndarray of bool, shape (p,)
     pair : ndarray of int, shape (p,)
         Number of the pair of each, in order.
@@ -138,8 +151,27 @@ def judged_pairs(
         off = np.linalg.norm(moved - moved_by(truth, middle), axis=1)
         is_right = pose_angle_deg(found.rotations, truth[:3, :3]) <= RIGHT_DEG
         right.append(is_right & (off <= RIGHT_CELLS * target.cell))
-        evidence.append(overlap_evidence(found))
+        rough = nearly(truth[:3, :3], np.random.default_rng([i, j]))
+        hints = hinted_evidence(found.rotations, in_order=j == i + 1, rough=rough[None])
+        evidence.append(np.column_stack([overlap_evidence(found), hints]))
     return JudgedPairs.of_each(evidence, right)
+
+
+def nearly(rotation: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Return a rough rotation (3, 3): off by an even choice of angles, up to that at which it is still right."""
+    angle, axis = np.radians(rng.uniform(0.0, ROUGH_DEG)), random_rotation(rng)[0]
+    return np.asarray(rotations_by(angle * axis[None])[0] @ rotation)
+
+
+def harmless_share(surfaces: Sequence[LocalSurface], poses: FloatArray) -> float:
+    """Return how much is in front of what was seen at right poses, at most; 0 without places."""
+    seen = [i for i, surface in enumerate(surfaces) if len(surface.places)]
+    shares = []
+    for i, j in itertools.combinations(seen, 2):
+        truth = np.linalg.inv(poses[i]) @ poses[j]
+        ends = surfaces[i], surfaces[j], truth[None, :3, :3], truth[None, :3, 3]
+        shares.append(float(sight_conflicts(*ends)[0].max()))
+    return max(shares, default=0.0)
 
 
 def pairs_of(name: str, data: Path, *, quick: bool = False) -> JudgedPairs:
@@ -226,15 +258,78 @@ def finding(now: FloatArray, kinds: Mapping[str, JudgedPairs]) -> Finding:
     )
 
 
+def with_weights(kinds: Mapping[str, JudgedPairs]) -> dict[str, JudgedPairs]:
+    """Return the kinds with other columns of evidence: log-odds by the weights of the code, and what hints say."""
+    weights = np.ravel(OVERLAP_WEIGHTS)
+    known = slice(len(weights))
+    return {
+        name: replace(
+            pairs,
+            evidence=np.column_stack(
+                [pairs.evidence[:, known] @ weights, pairs.evidence[:, len(weights) :]]
+            ),
+        )
+        for name, pairs in kinds.items()
+    }
+
+
+def hint_finding(now: float, column: int, kinds: Mapping[str, JudgedPairs]) -> Finding:
+    """Fit what a hint adds to log-odds, and judge each kind by what is best for the others."""
+
+    def score(odds: float, chosen: Sequence[str]) -> float:
+        weights = np.array([1.0, 0.0, 0.0])
+        weights[column] = odds
+        return -float(np.mean([log_loss(weights, kinds[name]) for name in chosen]))
+
+    def best(chosen: Sequence[str]) -> float:
+        found = minimize_scalar(
+            lambda odds: -score(odds, chosen), bounds=(0.0, MOST_ODDS), method="bounded"
+        )
+        return float(found.x)
+
+    names = [*kinds]
+    others = {name: [other for other in names if _kind(other) != _kind(name)] for name in names}
+    without = [score(best(rest), [name]) for name, rest in others.items() if rest]
+    value = best(names)
+    return Finding(
+        value=value,
+        now=score(now, names),
+        best=score(value, names),
+        left_out=float(np.mean(without)) if without else float("nan"),
+    )
+
+
 def measure_overlaps(data: Path, collections: Sequence[str], quick: bool) -> dict[str, Finding]:
-    """Gather what is known of all kinds, and fit the weights on it."""
+    """Gather what is known of all kinds, and fit the weights on it, then what hints add to them."""
     kinds = {name: pairs_of(name, data, quick=quick) for name in collections}
-    return {"OVERLAP_WEIGHTS": finding(np.ravel(OVERLAP_WEIGHTS), kinds)}
+    weights = np.ravel(OVERLAP_WEIGHTS)
+    plain = {
+        name: replace(pairs, evidence=pairs.evidence[:, : len(weights)])
+        for name, pairs in kinds.items()
+    }
+    hinted = with_weights(kinds)
+    in_order = {name: pairs for name, pairs in hinted.items() if name not in CUT}
+    harmless = []
+    for name in collections if not quick else ():
+        if name in (REAL, *GENERATED):
+            shapes, poses = shapes_of(name, data)
+            harmless.append(harmless_share(described(name, shapes), poses))
+    return {
+        "OVERLAP_WEIGHTS": finding(weights, plain),
+        "ORDER_ODDS": hint_finding(ORDER_ODDS, 1, in_order),
+        "ROUGH_ODDS": hint_finding(ROUGH_ODDS, 2, hinted),
+        "HARMLESS": Finding(value=max(harmless, default=HARMLESS)),
+    }
 
 
 CALIBRATION = Calibration(
     module=overlap_model.__name__,
-    constants={"OVERLAP_WEIGHTS": tuple(np.ravel(OVERLAP_WEIGHTS).tolist())},
+    constants={
+        "OVERLAP_WEIGHTS": tuple(np.ravel(OVERLAP_WEIGHTS).tolist()),
+        "ORDER_ODDS": ORDER_ODDS,
+        "ROUGH_ODDS": ROUGH_ODDS,
+        "HARMLESS": HARMLESS,
+    },
     measure=measure_overlaps,
     collections=(
         REAL,

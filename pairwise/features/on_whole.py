@@ -30,6 +30,9 @@ from pairwise.features.poses import (
     rotations_by,
 )
 
+#: A part is no larger than so many times its whole, by root mean square radii: what is, is in another unit. Even the
+#: two ends of a dumbbell are below two.
+MOST_LARGER = 3.0
 #: Poses of each kind that are refined, by so many points, and of which so many for each wanted one on all points.
 NUM_PROPOSED, FEW_POINTS, NUM_KEPT = 60, 200, 2
 #: How much a share of the whole in front of what the part saw counts against a pose, beside the share of the part

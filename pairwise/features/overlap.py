@@ -85,6 +85,19 @@ class LocalPoses:
         }
         return cls(**arrays)
 
+    def inverse(self) -> LocalPoses:
+        """Return the poses of the target on the source."""
+        rotations = np.swapaxes(self.rotations, 1, 2)
+        return LocalPoses(
+            rotations=read_only(rotations),
+            shifts=read_only(-(rotations @ self.shifts[:, :, None])[:, :, 0]),
+            overlaps=self.overlaps[:, ::-1],
+            mismatch=self.mismatch,
+            consensus=self.consensus,
+            in_front=self.in_front[:, ::-1],
+            beside=self.beside[:, ::-1],
+        )
+
     def __len__(self) -> int:
         return len(self.shifts)
 

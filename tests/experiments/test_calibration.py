@@ -1,5 +1,6 @@
 """Tuned constants are listed as the code has them, and measured on what is named."""
 
+from dataclasses import replace
 from importlib import import_module
 from math import isfinite
 from pathlib import Path
@@ -7,15 +8,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from data_tools.embedding.surface_points import surface_cells
 from experiments.calibration import CALIBRATIONS, calibrate, few_radii
 from experiments.calibration.kinds import NUM_RIVALS, comparisons, fit_splits, joined
 from experiments.calibration.overlaps import (
     JudgedPairs,
     fit_weights,
+    harmless_share,
+    hint_finding,
     log_loss,
     stated_and_right,
 )
 from experiments.calibration.scan import scan
+from experiments.generated.rooms import depth_frames, room, way_round
 
 FOLLOWED = {"few_radii": few_radii.RADII, "ellipsoids": few_radii.ELLIPSOIDS}
 
@@ -147,9 +152,36 @@ def test_weights_of_overlaps_are_fitted_to_what_tells_right_poses():
 
 
 def test_a_quick_calibration_of_overlaps_needs_no_data():
-    (row,) = calibrate("overlaps", Path(), ["room"], quick=True).rows
-    assert row["constant"] == "OVERLAP_WEIGHTS"
-    assert isfinite(float(str(row["best"])))
+    rows = calibrate("overlaps", Path(), ["room"], quick=True).rows
+    assert [row["constant"] for row in rows] == [*CALIBRATIONS["overlaps"].constants]
+    assert all(isfinite(float(str(row["best"]))) for row in rows[:3])
+
+
+def test_a_hint_is_worth_as_much_as_it_tells():
+    def kind(told, num=400):
+        rng = np.random.default_rng(0)
+        right = rng.random(num) < 0.5
+        says = np.where(rng.random(num) < told, right, ~right)
+        hints = np.where(says, 1.0, -1.0)
+        evidence = [np.array([[0.0, 0.0, hint]]) for hint in hints]
+        return JudgedPairs.of_each(evidence, [[one] for one in right])
+
+    sure, vague = (hint_finding(0.0, 2, {"room": kind(told)}).value for told in (0.95, 0.7))
+    assert sure == pytest.approx(np.log(0.95 / 0.05), abs=0.5)
+    assert vague == pytest.approx(np.log(0.7 / 0.3), abs=0.3)
+    assert hint_finding(0.0, 1, {"room": kind(0.95)}).best == pytest.approx(-np.log(2.0))
+
+
+def test_what_is_harmless_is_what_lies_in_front_at_right_poses():
+    rng = np.random.default_rng(0)
+    way = way_round(20, rng)[:3]
+    frames = depth_frames(room(rng), way, rng)
+    surfaces = [surface_cells(frame, 0.1, of_scene=True) for frame in frames]
+    assert harmless_share(surfaces, way) < 0.05
+    wrong = way[[1, 2, 0]]
+    assert harmless_share(surfaces, wrong) > harmless_share(surfaces, way) + 0.02
+    unseen = [replace(one, places=np.empty((0, 3))) for one in surfaces]
+    assert harmless_share(unseen, way) == 0.0
 
 
 def test_a_quick_calibration_of_wholes_needs_no_data():

@@ -16,8 +16,8 @@ import numpy as np
 
 from collalign.confidence.overlap_model import (
     MOST_CERTAIN,
+    chances_of,
     conflict_log_odds,
-    overlap_chances,
 )
 from collalign.confidence.pose_model import MOST_CONFIDENT
 from data_tools.arrays import BoolArray, FloatArray, IntArray
@@ -34,10 +34,6 @@ JOINING_CHANCE, PROPOSED_CHANCE = 0.5, 0.05
 CONSISTENT_DEG, CONSISTENT_CELLS = 10.0, 5.0
 #: Of pairs that agree, all but the surest count by this share: what makes one err, such as a symmetry, makes many.
 SHARED_CAUSE = 0.3
-#: So much of a shape is in front of what was seen of another one where poses are right, and contradicts nothing.
-#: The place of a camera is off by up to half a metre: frames of a generated room have up to .019. One frame of a real
-#: room is lost with .02, none with .03 and .04. Chosen on these.
-HARMLESS = 0.03
 #: Cutoffs of the joint refinement's steps, in cells, and points of each surface that take part in a pair.
 JOINT_STEPS, JOINT_POINTS = (*(2.0,) * 3, *(1.2,) * 5, *(0.8,) * 8), 400
 
@@ -84,6 +80,8 @@ class JoinedScans:
         That a shape lies right relative to the best held one of its part; 0 for shapes that nothing joins.
     chances : mapping of (int, int) to ndarray, shape (p,)
         How probable each pose of each pair is.
+    overlaps : mapping of (int, int) to LocalPoses
+        The poses themselves.
     kept : mapping of (int, int) to LocalPoses
         The pairs that hold them, each with one pose: the common one.
     parts : list of ndarray of int
@@ -95,6 +93,7 @@ class JoinedScans:
     transforms: FloatArray
     confidence: FloatArray
     chances: Chances
+    overlaps: Overlaps
     kept: Overlaps
     parts: list[IntArray]
     cuts: list[WeakCut]
@@ -104,9 +103,7 @@ class JoinedScans:
 def join_scans(
     surfaces: Sequence[LocalSurface],
     overlaps: Overlaps,
-    group: str,
-    *,
-    hinted: Chances | None = None,
+    log_odds: Mapping[tuple[int, int], FloatArray],
 ) -> JoinedScans:
     """Join shapes by the pairs that overlap.
 
@@ -116,15 +113,10 @@ def join_scans(
         In one unit of length, with one cell.
     overlaps : mapping of (int, int) to LocalPoses
         What pairs i < j share.
-    group : {"SO", "O"}
-    hinted : mapping of (int, int) to ndarray, shape (p,), optional
-        Log-odds that hints of the caller add to poses of pairs.
+    log_odds : mapping of (int, int) to ndarray, shape (p,)
+        Of each of their poses against that none of the pair is right.
     """
-    hinted = hinted or {}
-    chances = {
-        pair: overlap_chances(poses, hinted=hinted.get(pair, 0.0))
-        for pair, poses in overlaps.items()
-    }
+    chances = {pair: chances_of(odds) for pair, odds in log_odds.items()}
     transforms, block = np.tile(np.eye(4), (len(surfaces), 1, 1)), np.arange(len(surfaces))
     num_before = len(surfaces) + 1
     agreeing: Overlaps = {}
@@ -151,6 +143,7 @@ def join_scans(
         transforms=transforms,
         confidence=confidence,
         chances=chances,
+        overlaps=overlaps,
         kept=kept,
         parts=parts,
         cuts=cuts,
@@ -347,9 +340,7 @@ def _contradictions(
                 in_front, beside = sight_conflicts(
                     surfaces[i], surfaces[j], relative[None, :3, :3], relative[None, :3, 3]
                 )
-                # A little is in front where poses are right, and a scan that lacks a part has others' points beside
-                # it, but none of its own beside theirs.
-                in_front = np.maximum(in_front - HARMLESS, 0.0)
+                # A scan that lacks a part has others' points beside it, but none of its own beside theirs.
                 mutual = beside.min(axis=1, keepdims=True)
                 found[m, n] = conflict_log_odds(in_front, np.broadcast_to(mutual, (1, 2)))[0]
     return _together(found.ravel())

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from collalign.confidence.overlap_model import hinted_log_odds
+from collalign.confidence.overlap_model import hinted_log_odds, overlap_log_odds
 from collalign.engine.job import Job, Results, Wanted
 from collalign.options import AlignSession
 from collalign.products.pair import AlignedPair, Alternative, Pair, median_mismatch
@@ -32,6 +32,7 @@ from collalign.stages.steps import Posed, Run
 from collalign.stages.trust.trust_notes import components_left_out
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.embedding.embedding import Samples
 from data_tools.embedding.surface_points import surface_cells
 from data_tools.errors import CollectionError, InputError
 from data_tools.io.shapes import read_shape
@@ -41,6 +42,7 @@ from data_tools.notes import Note
 from data_tools.options import CleaningOptions
 from data_tools.poses import AGREE_DEG, moved_by, pose_angle_deg, scales_of
 from data_tools.sight import TUNED
+from data_tools.surface.outliers import FEWEST_OF_SCAN, without_outliers
 from pairwise.features.overlap import LocalPoses, match_overlapping
 from pairwise.results import Status
 
@@ -116,12 +118,13 @@ def align_scans(run: Run, pairs: Sequence[Pair], reasons: Mapping[int, str]) -> 
     num = len(shapes.names)
     if num > MAX_ALL_PAIRS or constraints.fixed:
         raise InputError(
-            "incomplete: poses of shapes none of which is complete are found together, for at most "
+            "incomplete: poses of shapes of which at most one is complete are found together, for at most "
             f"{MAX_ALL_PAIRS} shapes and without fixed poses"
         )
     is_scene = shows_scene([item.local for item in shapes.samples if item.local is not None])
     with run.stage("incomplete shapes"):
-        surfaces = describe_surfaces(session, shapes, range(num), of_scene=is_scene)
+        cell = common_cell(shapes.samples)
+        surfaces = describe_surfaces(session, shapes, range(num), cell, of_scene=is_scene)
         if surfaces.failures:
             if not reasons:
                 return None
@@ -130,28 +133,28 @@ def align_scans(run: Run, pairs: Sequence[Pair], reasons: Mapping[int, str]) -> 
             )
         described = [surfaces[i] for i in range(num)]
         overlaps = overlap_pairs(session, shapes, surfaces)
-        hinted = hints_of(overlaps, constraints)
-        joined = join_scans(described, overlaps, session.options.group, hinted=hinted)
+        joined = join_scans(described, overlaps, log_odds_of(overlaps, constraints))
     if not reasons:
         if not _are_scans(joined, described, pairs, are_seen=were_seen(shapes), is_scene=is_scene):
             return None
         if not were_seen(shapes):
             joined = replace(joined, confidence=OVERLAP_ALONE * joined.confidence)
-    posed = _posed(run, pairs, overlaps, joined, reasons or dict.fromkeys(range(num), SCAN))
+    posed = posed_scans(run, pairs, joined, reasons or dict.fromkeys(range(num), SCAN))
     overlap_alone = not reasons and not were_seen(shapes)
     return replace(posed, limited_by=(("overlap-alone",) * num if overlap_alone else ()))
 
 
-def hints_of(overlaps: Overlaps, constraints: Constraints) -> dict[tuple[int, int], FloatArray]:
-    """Return the log-odds that the order of the scans and rough poses add to the poses of pairs."""
+def log_odds_of(overlaps: Overlaps, constraints: Constraints) -> dict[tuple[int, int], FloatArray]:
+    """Return the log-odds of the poses of pairs; the order of the scans and rough poses add theirs."""
     after = {frozenset(two) for two in itertools.pairwise(constraints.order)}
-    rough = constraints.candidates
     return {
-        pair: hinted_log_odds(
-            poses.rotations, in_order=frozenset(pair) in after, rough=rough.get(pair)
+        pair: overlap_log_odds(poses)
+        + hinted_log_odds(
+            poses.rotations,
+            in_order=frozenset(pair) in after,
+            rough=constraints.candidates.get(pair),
         )
         for pair, poses in overlaps.items()
-        if frozenset(pair) in after or pair in rough
     }
 
 
@@ -236,24 +239,23 @@ def common_points(positions: FloatArray) -> FloatArray:
     return every[kept]
 
 
-def _posed(
+def posed_scans(
     run: Run,
     matched: Sequence[Pair],
-    overlaps: Overlaps,
     joined: JoinedScans,
     reasons: Mapping[int, str],
 ) -> Posed:
     """Return what follows from the poses of joined scans."""
-    shapes, num = run.shapes, len(run.shapes.names)
+    shapes = run.shapes
     transforms, rotations = framed_poses(run, joined.transforms)
     labels, universe = common_labels(shapes, transforms)
-    incomplete = tuple(_incomplete(i, joined.kept, reasons[i]) for i in range(num))
+    incomplete = tuple(_incomplete(i, joined.kept, reason) for i, reason in reasons.items())
     in_doubt = joined.confidence < DOUBT
     in_doubt[np.concatenate([np.empty(0, dtype=np.int64), *joined.parts[1:]])] = True
     lost = components_left_out(shapes, np.flatnonzero(in_doubt).tolist())
     pairs = [
         _pair(pair, poses, joined, rotations, labels)
-        for pair, poses in overlaps.items()
+        for pair, poses in joined.overlaps.items()
         if pair in joined.kept or joined.chances[pair].max() >= JOINING_CHANCE
     ]
     solution = SynchronizationResult(
@@ -364,6 +366,8 @@ def describe_file(
         If the surface has too few points.
     """
     shape = read_shape(path, cleaning, name=name, digest=digest)
+    if cleaning.components != "all" and not shape.is_mesh:
+        shape = without_outliers(shape, fewest_points=FEWEST_OF_SCAN)
     found = surface_cells(shape, cell, of_scene=of_scene)
     if found is None:
         raise InputError(f"{name}: too few points to describe neighbourhoods of {cell:.3g}")
@@ -376,25 +380,22 @@ def overlap_pair(target: LocalSurface, source: LocalSurface, group: str) -> Loca
 
 
 #: Describes a surface. The version changes whenever the same file and cell would give another one.
-DESCRIBING = Job(kind="surfaces", version="local-6", run=describe_file, reader=LocalSurface)
+DESCRIBING = Job(kind="surfaces", version="local-7", run=describe_file, reader=LocalSurface)
 #: Matches a pair by what both share. The version changes whenever the same surfaces would give other poses.
 OVERLAPPING = Job(kind="evidence", version="overlap-6", run=overlap_pair, reader=LocalPoses)
 
 
-def common_cell(shapes: Shapes) -> float:
-    """Return the distance of points at which all shapes are described, in the units of the files."""
-    radii = [
-        item.scale * np.sqrt((item.positions**2).sum(axis=1).mean()) for item in shapes.samples
-    ]
+def common_cell(samples: Sequence[Samples]) -> float:
+    """Return the distance of points at which shapes are described, in the units of the files."""
+    radii = [item.scale * np.sqrt((item.positions**2).sum(axis=1).mean()) for item in samples]
     octaves = np.log2(PART_CELL * float(np.median(radii)))
     return float(2.0 ** (np.round(_STEPS_AN_OCTAVE * octaves) / _STEPS_AN_OCTAVE))
 
 
 def describe_surfaces(
-    session: AlignSession, shapes: Shapes, chosen: Sequence[int], *, of_scene: bool
+    session: AlignSession, shapes: Shapes, chosen: Sequence[int], cell: float, *, of_scene: bool
 ) -> Results[int, LocalSurface]:
     """Return the described surfaces of some shapes, by position; shapes of too few points are left out."""
-    cell = common_cell(shapes)
     wanted = {}
     for i in chosen:
         arguments = {

@@ -14,7 +14,7 @@ from collalign.confidence.overlap_model import (
     MOST_CERTAIN,
     chances_of,
     on_whole_log_odds,
-    overlap_chances,
+    overlap_log_odds,
 )
 from collalign.options import TwoShapeKeywords, TwoShapeOptions
 from collalign.products.trust import DOUBT
@@ -33,7 +33,7 @@ from data_tools.poses import AGREE_DEG, Similarity, pose_angle_deg, scales_of
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
 from pairwise.features.on_whole import match_on_whole
-from pairwise.features.overlap import match_overlapping
+from pairwise.features.overlap import LocalPoses, match_overlapping
 from pairwise.partial_match import match_partial
 
 #: Poses that a match keeps.
@@ -279,12 +279,7 @@ def _poses_of_part(target: Shape, source: Shape, group: str) -> _Found:
         axis = axis_of_freedom(*surfaces, *best, side_known=side_known)
     if axis is not None and not is_source_part:
         axis = np.stack([best[0].T @ (axis[0] - best[1]), best[0].T @ axis[1]])
-    rotations, shifts, overlaps = found.rotations, found.shifts, found.overlaps
-    if not is_source_part:
-        rotations = np.swapaxes(rotations, 1, 2)
-        shifts = -(rotations @ shifts[:, :, None])[:, :, 0]
-        overlaps = overlaps[:, ::-1]
-    return _Found(_listed(rotations, shifts, overlaps, chances), axis)
+    return _Found(_listed(found if is_source_part else found.inverse(), chances), axis)
 
 
 def _poses_by_overlap(target: Shape, source: Shape, group: str) -> tuple[PartialPose, ...]:
@@ -297,20 +292,17 @@ def _poses_by_overlap(target: Shape, source: Shape, group: str) -> tuple[Partial
     if surfaces[0] is None or surfaces[1] is None:
         return ()
     found = match_overlapping(surfaces[0], surfaces[1], group=group, num_candidates=NUM_POSES)
-    chances = overlap_chances(found)
-    return _listed(found.rotations, found.shifts, found.overlaps, chances)
+    return _listed(found, chances_of(overlap_log_odds(found)))
 
 
-def _listed(
-    rotations: FloatArray, shifts: FloatArray, overlaps: FloatArray, chances: FloatArray
-) -> tuple[PartialPose, ...]:
+def _listed(found: LocalPoses, chances: FloatArray) -> tuple[PartialPose, ...]:
     """Return poses, the most probable first."""
     return tuple(
         PartialPose(
-            pose=Similarity(rotation=rotations[p], scale=1.0, shift=shifts[p]),
+            pose=Similarity(rotation=found.rotations[p], scale=1.0, shift=found.shifts[p]),
             chance=float(chances[p]),
-            overlap_target=float(overlaps[p, 0]),
-            overlap_source=float(overlaps[p, 1]),
+            overlap_target=float(found.overlaps[p, 0]),
+            overlap_source=float(found.overlaps[p, 1]),
         )
         for p in np.argsort(-chances, kind="stable").tolist()
     )

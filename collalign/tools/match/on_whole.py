@@ -5,16 +5,10 @@ from __future__ import annotations
 from data_tools.arrays import FloatArray
 from data_tools.embedding.surface_points import centre_and_radius, surface_cells
 from data_tools.local_surface import PART_CELL
-from data_tools.surface.outliers import without_outliers
+from data_tools.surface.outliers import FEWEST_OF_SCAN, without_outliers
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import is_open_surface
-from pairwise.features.on_whole import TwoScales, free_axis
-
-#: Clouds of so many points have stray points left out: what lies off a scan hides from where it was seen.
-FEWEST_OF_SCAN = 100
-#: A part is no larger than so many times its whole, by root mean square radii: what is, is in another unit. Even the
-#: two ends of a dumbbell are below two.
-MOST_LARGER = 3.0
+from pairwise.features.on_whole import MOST_LARGER, TwoScales, free_axis
 
 
 def is_closed(shape: Shape) -> bool:

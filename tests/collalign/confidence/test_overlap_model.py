@@ -7,8 +7,8 @@ import pytest
 
 from collalign.confidence.overlap_model import (
     MOST_CERTAIN,
+    chances_of,
     on_whole_log_odds,
-    overlap_chances,
     overlap_log_odds,
 )
 from pairwise.features.overlap import LocalPoses
@@ -26,6 +26,11 @@ def poses_of(*shares, in_front=np.nan, beside=0.0):
         in_front=np.full((len(shares), 2), in_front),
         beside=np.full((len(shares), 2), beside + 0.0 * in_front),
     )
+
+
+def overlap_chances(poses):
+    """How probable poses of a pair are."""
+    return chances_of(overlap_log_odds(poses))
 
 
 @pytest.mark.parametrize(

@@ -4,11 +4,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from collalign.confidence.overlap_model import ORDER_ODDS, ROUGH_ODDS, overlap_chances
+from collalign.confidence.overlap_model import (
+    ORDER_ODDS,
+    ROUGH_ODDS,
+    chances_of,
+    overlap_log_odds,
+)
 from collalign.products.shapes import Constraints
 from collalign.stages.incomplete import join
 from collalign.stages.incomplete.join import join_scans
-from collalign.stages.incomplete.scans import hints_of
+from collalign.stages.incomplete.scans import log_odds_of
 from data_tools.datasets.synthetic import range_view
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.surface_points import centre_and_radius, surface_cells
@@ -69,6 +74,15 @@ def errors_deg(joined, poses, members=None):
     return pose_angle_deg(frames, frames[0])
 
 
+def joined_by(surfaces, overlaps, hinted=None):
+    """Scans joined by pairs, to whose log-odds hints add."""
+    hinted = hinted or {}
+    odds = {
+        pair: overlap_log_odds(poses) + hinted.get(pair, 0.0) for pair, poses in overlaps.items()
+    }
+    return join_scans(surfaces, overlaps, odds)
+
+
 def ring(poses):
     pairs = [*((i, i + 1) for i in range(NUM - 1)), (0, NUM - 1)]
     return {pair: link(poses, *pair, SURE) for pair in pairs}
@@ -76,7 +90,7 @@ def ring(poses):
 
 def test_a_ring_is_joined_and_sure(scans):
     surfaces, poses = scans
-    joined = join_scans(surfaces, ring(poses), "SO")
+    joined = joined_by(surfaces, ring(poses))
     assert errors_deg(joined, poses).max() < 1.0
     moved = joined.transforms @ np.linalg.inv(poses)
     middles = moved[:, :3, :3] @ np.array([0.1, 0.1, 0.1]) + moved[:, :3, 3]
@@ -85,15 +99,15 @@ def test_a_ring_is_joined_and_sure(scans):
     assert [part.tolist() for part in joined.parts] == [[*range(NUM)]]
     assert {*joined.kept} == {*ring(poses)}
     assert min(one.overlap[0] for one in joined.kept.values()) > 0.4
-    again = join_scans(surfaces, ring(poses), "SO")
+    again = joined_by(surfaces, ring(poses))
     np.testing.assert_array_equal(again.transforms, joined.transforms)
 
 
 def test_behind_a_weak_link_of_a_chain_scans_are_in_doubt(scans):
     surfaces, poses = scans
     chain = {(i, i + 1): link(poses, i, i + 1, WEAK if i == 4 else SURE) for i in range(NUM - 1)}
-    joined = join_scans(surfaces, chain, "SO")
-    weak = float(overlap_chances(chain[4, 5])[0])
+    joined = joined_by(surfaces, chain)
+    weak = float(chances_of(overlap_log_odds(chain[4, 5]))[0])
     assert 0.5 < weak < 0.7
     assert errors_deg(joined, poses).max() < 4.0  # errors of a chain add up
     assert joined.confidence[:5].min() > 0.95
@@ -107,13 +121,13 @@ def test_what_no_overlap_joins_is_a_part_of_its_own(scans):
     surfaces, poses = scans
     told = {(i, i + 1): link(poses, i, i + 1, SURE) for i in (0, 1, 2, 4, 5)}
     told[3, 4] = link(poses, 3, 4, 0.001)
-    joined = join_scans(surfaces, told, "SO")
+    joined = joined_by(surfaces, told)
     assert [part.tolist() for part in joined.parts] == [[0, 1, 2, 3], [4, 5, 6], [7]]
     for part in joined.parts[:2]:
         assert errors_deg(joined, poses, part).max() < 3.0
         assert joined.confidence[part].min() > 0.9
     assert joined.confidence[7] == 0.0
-    alone = join_scans(surfaces, {}, "SO")
+    alone = joined_by(surfaces, {})
     assert len(alone.parts) == NUM
     assert not alone.confidence.any()
     assert not alone.kept
@@ -125,7 +139,7 @@ def test_a_wrong_link_beside_right_ones_holds_nothing(scans):
     told[1, 5] = link(
         poses, 1, 5, 0.001, SURE, wrong=Rotation.from_rotvec([1.0, 0.5, 0.0]).as_matrix()
     )[[1]]
-    joined = join_scans(surfaces, told, "SO")
+    joined = joined_by(surfaces, told)
     assert errors_deg(joined, poses).max() < 1.0
     assert (1, 5) not in joined.kept
     assert (0, 2) in joined.kept
@@ -139,7 +153,7 @@ def test_a_sure_wrong_link_does_not_win_against_what_was_seen(scans):
     told = {(i, i + 1): link(poses, i, i + 1, SURE) for i in (0, 1, 2, 4, 5, 6)}
     told[3, 4] = link(poses, 3, 4, 0.001, SURE, wrong=turn)
     told[2, 4] = link(poses, 2, 4, WEAK)
-    joined = join_scans(surfaces, told, "SO")
+    joined = joined_by(surfaces, told)
     assert errors_deg(joined, poses).max() < 8.0  # errors of a chain add up
     assert (3, 4) not in joined.kept
 
@@ -147,7 +161,7 @@ def test_a_sure_wrong_link_does_not_win_against_what_was_seen(scans):
 def test_what_is_in_front_of_what_was_seen_puts_a_block_in_doubt(scans, monkeypatch):
     surfaces, poses = scans
     told = {(i, i + 1): link(poses, i, i + 1, SURE) for i in range(NUM - 1)}
-    sure = join_scans(surfaces, told, "SO").confidence
+    sure = joined_by(surfaces, told).confidence
     assert sure.min() > 0.95
 
     def in_front(target, source, rotations, shifts):
@@ -155,7 +169,7 @@ def test_what_is_in_front_of_what_was_seen_puts_a_block_in_doubt(scans, monkeypa
         return np.full((len(rotations), 2), 0.06 if crosses else 0.0), np.zeros((len(rotations), 2))
 
     monkeypatch.setattr(join, "sight_conflicts", in_front)
-    joined = join_scans(surfaces, told, "SO")
+    joined = joined_by(surfaces, told)
     assert joined.confidence[0] < 0.5
     assert joined.confidence[1:].min() > 0.95
 
@@ -180,15 +194,15 @@ def test_walls_on_walls_are_contradicted_by_what_stands_there():
 def test_a_hint_joins_what_is_nearly_sure_and_no_hint_joins_what_is_not(scans):
     surfaces, poses = scans
     chain = {(i, i + 1): link(poses, i, i + 1, 0.02 if i == 4 else SURE) for i in range(NUM - 1)}
-    assert len(join_scans(surfaces, chain, "SO").parts) == 2
+    assert len(joined_by(surfaces, chain).parts) == 2
     hinted = {(4, 5): np.array([2.0])}
-    joined = join_scans(surfaces, chain, "SO", hinted=hinted)
+    joined = joined_by(surfaces, chain, hinted=hinted)
     assert len(joined.parts) == 1
     assert errors_deg(joined, poses).max() < 4.0
     against = {(3, 4): np.array([-9.0])}
-    assert len(join_scans(surfaces, chain, "SO", hinted=against).parts) == 3
+    assert len(joined_by(surfaces, chain, hinted=against).parts) == 3
     hopeless = chain | {(4, 5): link(poses, 4, 5, 1e-4)}
-    few = join_scans(surfaces, hopeless, "SO", hinted={(4, 5): np.array([0.5])})
+    few = joined_by(surfaces, hopeless, hinted={(4, 5): np.array([0.5])})
     assert len(few.parts) == 2
 
 
@@ -198,13 +212,17 @@ def test_the_order_and_rough_poses_speak_for_pairs_of_scans(scans):
     overlaps = {
         (i, j): link(poses, i, j, 0.1, 0.1, wrong=wrong) for i, j in [(0, 1), (0, 2), (1, 2)]
     }
-    assert hints_of(overlaps, Constraints()) == {}
-    ordered = hints_of(overlaps, Constraints(order=(2, 0, 1)))
-    assert ordered.keys() == {(0, 1), (0, 2)}
-    assert (ordered[0, 1] == ORDER_ODDS).all()
+    plain = {pair: overlap_log_odds(poses) for pair, poses in overlaps.items()}
+
+    def hints(**known):
+        odds = log_odds_of(overlaps, Constraints(**known))
+        return {pair: np.round(odds[pair] - plain[pair], 9).tolist() for pair in overlaps}
+
+    none = {pair: [0.0, 0.0] for pair in overlaps}
+    assert hints() == none
+    ordered = [ORDER_ODDS, ORDER_ODDS]
+    assert hints(order=(2, 0, 1)) == none | {(0, 1): ordered, (0, 2): ordered}
     rough = {(1, 2): overlaps[1, 2].rotations[:1]}
-    odds = hints_of(overlaps, Constraints(candidates=rough))
-    assert odds.keys() == {(1, 2)}
-    assert odds[1, 2].tolist() == [ROUGH_ODDS, -ROUGH_ODDS]
-    both = hints_of(overlaps, Constraints(candidates=rough, order=(1, 2)))
-    np.testing.assert_allclose(both[1, 2], odds[1, 2] + ORDER_ODDS)
+    assert hints(candidates=rough) == none | {(1, 2): [ROUGH_ODDS, -ROUGH_ODDS]}
+    both = hints(candidates=rough, order=(1, 2))
+    np.testing.assert_allclose(both[1, 2], [ORDER_ODDS + ROUGH_ODDS, ORDER_ODDS - ROUGH_ODDS])

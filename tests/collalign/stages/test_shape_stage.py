@@ -128,7 +128,9 @@ READING_AGAIN = {
     "maps": prepare_surfaces,
     "all vertices": lambda session, shapes: prepare_all_detailed(session, shapes, SurfaceOptions()),
     "incomplete": lambda session, shapes: prepare_points(session, shapes, range(3)),
-    "scans": lambda session, shapes: describe_surfaces(session, shapes, range(3), of_scene=False),
+    "scans": lambda session, shapes: describe_surfaces(
+        session, shapes, range(3), 0.1, of_scene=False
+    ),
 }
 
 

@@ -176,6 +176,7 @@ def test_nothing_is_shared_where_all_files_hold_several_pieces_or_their_largest_
     alone, small = piece_signatures(body), blob(np.random.default_rng(6), num_vertices=400)
     beside = together((body.vertices, body.faces), (0.7 * small.vertices + [4, 0, 0], small.faces))
     assert shared_object([piece_signatures(beside), alone, alone]) == ()
+    assert shared_object([alone]) == (), "one mesh among clouds"
 
 
 def test_what_the_object_looks_like_is_sixteen_numbers():

@@ -1,0 +1,150 @@
+"""Poses scans on the one complete shape of a collection, their model: all of a scan lies on it.
+
+Each scan is placed by itself. What it shares with other scans, and what these saw, is not looked at: a scan may show
+any part of its model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from collalign.confidence.overlap_model import chances_of, on_whole_log_odds
+from collalign.engine.job import Job, Wanted
+from collalign.options import AlignSession
+from collalign.products.pair import Pair
+from collalign.products.shapes import Shapes
+from collalign.stages.incomplete.join import JoinedScans, WeakCut
+from collalign.stages.incomplete.scans import (
+    NUM_CANDIDATES,
+    SCAN,
+    common_cell,
+    describe_surfaces,
+    posed_scans,
+)
+from collalign.stages.steps import Posed, Run
+from data_tools.local_surface import LocalSurface
+from data_tools.poses import Similarity
+from pairwise.features.on_whole import MOST_LARGER, TwoScales, match_on_whole
+from pairwise.features.overlap import LocalPoses
+
+#: A closed mesh is a model of scans if they lie on it with at least this mean probability. Six generated models have
+#: .47 and more, views of objects on one of them that was closed at its back up to .28, other objects .01.
+LEAST_PLACED = 0.4
+
+
+def align_on_model(run: Run, pairs: Sequence[Pair], reasons: Mapping[int, str]) -> Posed | None:
+    """Return the poses of scans on their model; None where there is none, or shapes are hardly scans of it.
+
+    Sizes are those of the files. The model is the shape that nobody called incomplete, or the only closed mesh.
+
+    Parameters
+    ----------
+    run : Run
+        Its group is decided.
+    pairs : sequence of Pair
+        The shapes as if they were complete, if they were matched.
+    reasons : mapping of int to str
+        Why each counts as incomplete; empty where nobody said so. The mean probability of poses must be .4 then.
+    """
+    shapes, num = run.shapes, len(run.shapes.names)
+    complete = [i for i, item in enumerate(shapes.samples) if item.rim == "closed"]
+    if reasons:
+        complete = [i for i in range(num) if i not in reasons]
+    if len(complete) != 1 or run.constraints.fixed:
+        return None
+    with run.stage("incomplete shapes"):
+        placed = place_on_model(run.session, shapes, complete[0])
+    scans = [i for i in range(num) if i != complete[0]]
+    if not reasons and placed.confidence[scans].mean() < LEAST_PLACED:
+        return None
+    return posed_scans(run, pairs, placed, reasons or dict.fromkeys(scans, SCAN))
+
+
+def place_on_model(session: AlignSession, shapes: Shapes, model: int) -> JoinedScans:
+    """Return each scan at its likeliest pose on the model, and how probable that is."""
+    found = _poses_on_model(session, shapes, model)
+    transforms, confidence = (
+        np.tile(np.eye(4), (len(shapes.names), 1, 1)),
+        np.zeros(len(shapes.names)),
+    )
+    chances, overlaps, kept, cuts = {}, {}, {}, []
+    for i, poses in found.items():
+        own = chances_of(on_whole_log_odds(poses))
+        order = np.argsort(-own, kind="stable").tolist()
+        placed = Similarity.rigid(poses.rotations, poses.shifts).transform
+        transforms[i], confidence[i] = placed[order[0]], own[order[0]]
+        ends = min(i, model), max(i, model)
+        chances[ends], overlaps[ends] = own, poses if model < i else poses.inverse()
+        kept[ends] = overlaps[ends][order[:1]]
+        weights = -np.log1p(-own[order])
+        cuts += [
+            WeakCut(
+                ends=ends,
+                members=np.array([i]),
+                held=float(weights[0]),
+                against=float(weights[n]),
+                move=placed[order[n]] @ np.linalg.inv(placed[order[0]]),
+            )
+            for n in range(1, len(order))
+        ]
+    confidence[model] = confidence.max()
+    lost = [i for i in range(len(shapes.names)) if i != model and i not in found]
+    return JoinedScans(
+        transforms=transforms,
+        confidence=confidence,
+        chances=chances,
+        overlaps=overlaps,
+        kept=kept,
+        parts=[np.array(sorted({model, *found})), *(np.array([i]) for i in lost)],
+        cuts=cuts,
+    )
+
+
+def _poses_on_model(session: AlignSession, shapes: Shapes, model: int) -> dict[int, LocalPoses]:
+    """Return the poses of scans on their model, by position; none of those of another unit or of too few points."""
+    samples, group = shapes.samples, session.options.group
+    cell = common_cell([samples[model]])
+    chosen = [i for i, item in enumerate(samples) if common_cell([item]) <= MOST_LARGER * cell]
+    coarse, fine = (
+        describe_surfaces(session, shapes, chosen, size, of_scene=False)
+        for size in (cell, 0.5 * cell)
+    )
+    described = sorted({*coarse} & {*fine})
+    wanted = {}
+    for i in described if model in described else ():
+        if i == model:
+            continue
+        ends = {
+            "whole": coarse.shared(model),
+            "fine_whole": fine.shared(model),
+            "part": coarse.shared(i),
+            "fine_part": fine.shared(i),
+        }
+        # The normals of a cloud may be on either side.
+        asked = {"group": group, "side_known": samples[i].rim != "unknown"}
+        wanted[i] = Wanted(
+            key=PLACING.key(asked, *(end.key for end in ends.values())),
+            label=shapes.label(model, i),
+            arguments={**ends, **asked},
+        )
+    found = session.compute(PLACING, wanted, time_limit_s=session.run.pair_time_limit_s)
+    return {i: poses for i, poses in found.items() if len(poses)}
+
+
+def place_scan(
+    whole: LocalSurface,
+    fine_whole: LocalSurface,
+    part: LocalSurface,
+    fine_part: LocalSurface,
+    group: str,
+    side_known: bool,
+) -> LocalPoses:
+    """Return the poses at which all of a scan lies on its model; runs inside a worker."""
+    both = TwoScales(whole, fine_whole), TwoScales(part, fine_part)
+    return match_on_whole(*both, group=group, num_candidates=NUM_CANDIDATES, side_known=side_known)
+
+
+#: Places a scan on its model. The version changes whenever the same surfaces would give other poses.
+PLACING = Job(kind="evidence", version="on-model-1", run=place_scan, reader=LocalPoses)
