@@ -359,7 +359,7 @@ _REASONS = {
     "named": "you named it",
     "found-before": "found by an earlier run",
     "cut-off": "similar shapes go on beyond its rim",
-    "likelier-as-part": "its borders are open, and its pose is surer as that of a part of the others",
+    "likelier-as-part": "its pose is surer as that of a part of the others",
     "scan": "it shares only a part with the others",
     "stranger": "it resembles no other shape",
     "no-relative": "it resembles no other shape",

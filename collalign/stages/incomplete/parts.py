@@ -30,7 +30,7 @@ from collalign.stages.incomplete.add import (
 from collalign.stages.incomplete.detect import LIKELIER
 from collalign.stages.incomplete.place import place_again, pose_chance
 from collalign.stages.incomplete.posed_points import prepare_points
-from collalign.stages.incomplete.scans import common_labels, framed_poses
+from collalign.stages.incomplete.scans import framed_poses, universe_labels
 from collalign.stages.poses.synchronize import synchronize_pairs
 from collalign.stages.steps import Posed, Run
 from collalign.synchronization import SynchronizationResult
@@ -241,10 +241,10 @@ def _posed(
     transforms: FloatArray,
     found: Mapping[int, Record],
 ) -> Posed:
-    """Return what follows from the poses; those of open surfaces count as incomplete."""
+    """Return what follows from the poses; all count as incomplete, as none tells what the others lack."""
     shapes, partners = run.shapes, _partners(pairs, run.shapes)
     framed, rotations = framed_poses(run, transforms)
-    labels, universe = common_labels(shapes, framed)
+    labels, universe = universe_labels(shapes, framed)
     chances = np.array([pose_chance(found[i]) for i in range(len(partners))])
     most = np.array([chances[own].mean() for own in partners])
     strange = np.array([lies_elsewhere(found[i]) for i in range(len(partners))])
@@ -254,9 +254,7 @@ def _posed(
         for ends, poses in pairs.items()
     ]
     incomplete = tuple(
-        incomplete_record(i, found[i], LIKELIER, own)
-        for i, own in enumerate(partners)
-        if shapes.samples[i].rim == "open"
+        incomplete_record(i, found[i], LIKELIER, own) for i, own in enumerate(partners)
     )
     every = (np.arange(len(partners)),)
     return Posed(

@@ -220,7 +220,7 @@ def framed_poses(run: Run, transforms: FloatArray) -> tuple[FloatArray, FloatArr
     return with_origin(framed, run.constraints), rotations
 
 
-def common_labels(shapes: Shapes, transforms: FloatArray) -> tuple[IntArray, FloatArray]:
+def universe_labels(shapes: Shapes, transforms: FloatArray) -> tuple[IntArray, FloatArray]:
     """Return the labels (N, k) of all samples at poses (N, 4, 4), -1 for none, and the points (l, 3) they are of."""
     positions = common_positions(shapes.samples, transforms)
     universe = common_points(positions)
@@ -248,7 +248,7 @@ def posed_scans(
     """Return what follows from the poses of joined scans."""
     shapes = run.shapes
     transforms, rotations = framed_poses(run, joined.transforms)
-    labels, universe = common_labels(shapes, transforms)
+    labels, universe = universe_labels(shapes, transforms)
     incomplete = tuple(_incomplete(i, joined.kept, reason) for i, reason in reasons.items())
     in_doubt = joined.confidence < DOUBT
     in_doubt[np.concatenate([np.empty(0, dtype=np.int64), *joined.parts[1:]])] = True

@@ -269,6 +269,7 @@ def test_a_shape_that_seems_incomplete_among_too_few_is_in_doubt(
     monkeypatch.setattr(
         "collalign.stages.posing.find_incomplete", lambda *_: {2: "cut-off", 4: "cut-off"}
     )
+    monkeypatch.setattr("collalign.stages.posing.align_parts", lambda *_: None)
     aligned = align(planted[0], store=store)
     assert not aligned.incomplete
     assert aligned.confidence.max() > DOUBT, "or there would be nothing to limit"
