@@ -133,7 +133,7 @@ def _pose_in_rounds(
             continue
         answer = _finished(run, missing, answer)
         first = first or answer
-        found = extra_material(answer, whole.shapes, extra) if _looks_for_extra(run) else extra
+        found = extra_material(answer, whole.shapes, extra) if _is_free(run) else extra
         if found.lacks_some_of(extra):
             return first  # it is no extra material without it
         if found.is_same(extra) or not rounds_left:
@@ -150,8 +150,8 @@ def _looks_at_shapes(options: AlignOptions) -> bool:
     return options.incomplete == AUTO
 
 
-def _looks_for_extra(run: Run) -> bool:
-    """Return whether extra material is looked for: there are confidences, and nobody decided about poses."""
+def _is_free(run: Run) -> bool:
+    """Return whether shapes may be read otherwise than as they are: there are confidences, and nobody decided."""
     options = run.session.options
     return (
         _looks_at_shapes(options)
@@ -215,7 +215,7 @@ def _with_confidences(answer: Answer, seem_incomplete: Mapping[int, str]) -> Ans
 def _likelier_as_parts(run: Run, missing: Mapping[int, str], answer: Answer) -> dict[int, str]:
     """Return which doubtful shapes with open borders are posed more surely as parts of the others, by position."""
     decided, _, posed = answer
-    if not _looks_for_extra(run) or were_seen(decided.shapes):
+    if not _is_free(run) or were_seen(decided.shapes):
         return {}
     kept = _complete(run, missing)
     confidence = posed.confidence_but_for_sides
@@ -248,7 +248,7 @@ def _surest(run: Run, answer: Answer) -> Answer:
     doubtful = posed.confidence_but_for_sides < DOUBT
     opened = np.array([item.rim == "open" for item in run.shapes.samples])
     if (
-        not _looks_for_extra(run)
+        not _is_free(run)
         or posed.extra
         or run.shapes.are_assembled
         or were_seen(run.shapes)
