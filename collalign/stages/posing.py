@@ -25,7 +25,7 @@ from collalign.stages.extra_material import (
     with_extra_material,
 )
 from collalign.stages.incomplete.add import chances_as_parts, with_incomplete
-from collalign.stages.incomplete.detect import LIKELIER, are_too_many, find_incomplete
+from collalign.stages.incomplete.detect import FOUND, LIKELIER, are_too_many, find_incomplete
 from collalign.stages.incomplete.on_model import align_on_model
 from collalign.stages.incomplete.parts import align_parts
 from collalign.stages.incomplete.scans import align_scans, match_badly, were_seen
@@ -65,6 +65,7 @@ def pose_all(run: Run, missing: Mapping[int, str]) -> Answer:
     matched : Matched
     posed : Posed
     """
+    missing = _on_former_parts(run, missing)
     if len(missing) >= len(run.shapes.names) - 1:
         matched = steps.unmatched(run)
         scans = _posed_scans(with_group(run, matched.group), (), missing)
@@ -77,6 +78,14 @@ def pose_all(run: Run, missing: Mapping[int, str]) -> Answer:
             return _surest(run, found)
     answer = _pose_in_rounds(run, missing, known)
     return answer if missing else _surest(run, answer)
+
+
+def _on_former_parts(run: Run, missing: Mapping[int, str]) -> Mapping[int, str]:
+    """Return what is missing; where an earlier run found none complete, new shapes are parts of those that stay."""
+    fixed = run.constraints.fixed.keys()
+    if {*missing.values()} != {FOUND} or len(fixed) < 2 or not fixed <= missing.keys():
+        return missing
+    return {i: LIKELIER for i in range(len(run.shapes.names)) if i not in fixed}
 
 
 def _may_be_scans(run: Run) -> bool:

@@ -36,7 +36,7 @@ from experiments.peers.capod import FOLDER as CAPOD_FOLDER
 from experiments.provenance import ROOT, code_digest
 from experiments.tables import Column, Row, Table
 
-NUM_DRAWS = 1
+NUM_DRAWS = 3
 #: Shapes of each kind in a mixture, of two kinds that are many, and of a set of one kind.
 OF_KIND, OF_MANY, OF_ONE = 5, 10, 12
 SEATS, GUNS = "kenney_seats10", "kenney_guns13"

@@ -34,7 +34,9 @@ from tests.commands import run_command
 from tests.notes import codes, only
 from tests.products import pair_of
 
-OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=24, num_dense_points=0))
+OPTIONS = AlignOptions(
+    sampling=SamplingOptions(num_points=24, num_dense_points=0), incomplete="never"
+)
 ONE = RunOptions(jobs=1)
 
 

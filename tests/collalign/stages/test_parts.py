@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from collalign import RunOptions, align_collection
+from collalign import RunOptions, add_to_collection, align_collection
 from collalign.confidence.incomplete_model import chance_against
 from collalign.stages.incomplete.detect import LIKELIER
 from collalign.stages.incomplete.parts import PartPoses, _first_transforms
@@ -15,7 +15,7 @@ from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import bumped
 from data_tools.datasets.synthetic_shapes import blob
-from data_tools.io.shapes import Shape
+from data_tools.io.shapes import Shape, write_mesh
 from data_tools.poses import Similarity, pose_angle_deg
 from data_tools.rotations import random_rotation
 from experiments.pairs.incomplete import without_share
@@ -26,11 +26,11 @@ HALF_TURN = np.diag([1.0, -1.0, -1.0])
 
 @pytest.fixture(scope="module")
 def cut_blobs() -> tuple[dict[str, Shape], FloatArray]:
-    """Blobs that differ a little, each posed and scaled with another quarter cut off, and their rotations."""
+    """Seven blobs that differ a little, another quarter of each cut off, posed and scaled; and their rotations."""
     rng = np.random.default_rng(3)
     base = blob(rng, num_vertices=1000)
     given, rotations = {}, []
-    for n in range(6):
+    for n in range(7):
         piece = without_share(bumped(base, rng, rms=0.02), rng.standard_normal(3), 0.25)
         rotations.append(random_rotation(rng))
         placed = rng.uniform(0.5, 2.0) * piece.vertices @ rotations[-1].T + rng.standard_normal(3)
@@ -45,16 +45,26 @@ def worst_deg(found: FloatArray, rotations: FloatArray) -> float:
     return float(angles[np.argmin(np.median(angles, axis=1))].max())
 
 
-def test_shapes_that_are_all_cut_are_posed_as_parts_of_each_other(cut_blobs):
+def test_shapes_that_are_all_cut_are_posed_as_parts_of_each_other(cut_blobs, tmp_path):
     given, rotations = cut_blobs
-    collection = align_collection(given, run=RunOptions(jobs=1), progress=False)
+    *first, last = given
+    for name in first:
+        write_mesh(tmp_path / "first" / f"{name}.ply", given[name])
+    write_mesh(tmp_path / "new" / f"{last}.ply", given[last])
+    collection = align_collection(tmp_path / "first", run=RunOptions(jobs=1), progress=False)
     found = Similarity.of_transforms(collection.transforms).rotation
-    assert worst_deg(found, rotations) < 30.0
+    assert worst_deg(found, rotations[:-1]) < 30.0
     assert {pair.how for pair in collection.pairs} == {"part"}
     assert {one.reason for one in collection.incomplete} == {LIKELIER}
-    half_turned = rotations.copy()
+    half_turned = rotations[:-1].copy()
     half_turned[0] = half_turned[0] @ HALF_TURN
     assert worst_deg(found, half_turned) > 90.0, "the measure sees a half turn"
+
+    collection.save(tmp_path / "aligned", report=False)
+    added = add_to_collection(tmp_path / "aligned", tmp_path / "new", run=RunOptions(jobs=1))
+    assert np.array_equal(added.transforms[:-1], collection.transforms)
+    assert [added.names[one.shape] for one in added.incomplete] == [last]
+    assert worst_deg(Similarity.of_transforms(added.transforms).rotation, rotations) < 30.0
 
 
 def test_first_transforms_agree_with_exact_pairs():
