@@ -254,10 +254,13 @@ def _finished(run: Run, missing: Mapping[int, str], answer: Answer) -> Answer:
 def _surest(run: Run, answer: Answer) -> Answer:
     """Return the surer of the answer and that of all as parts of each other, if most are open and some doubtful."""
     _, matched, posed = answer
+    options = run.session.options
     doubtful = posed.confidence_but_for_sides < DOUBT
     opened = np.array([item.rim == "open" for item in run.shapes.samples])
     if (
         not _is_free(run)
+        or options.deformable
+        or options.certify
         or posed.extra
         or run.shapes.are_assembled
         or were_seen(run.shapes)
@@ -279,7 +282,8 @@ def _contradicted(posed: Posed, other: Posed) -> Posed:
     turns = posed.rotations @ np.swapaxes(other.rotations, 1, 2)
     agree = pose_angle_deg(turns[:, None], turns) <= APART_DEG
     elsewhere = ~agree[np.argmax(agree @ posed.solution.confidence)]
-    confidence, limited_by = posed.solution.confidence.copy(), np.array(posed.limited_by, object)
+    confidence = posed.solution.confidence.copy()
+    limited_by = np.array(posed.limited_by or ("",) * len(confidence), dtype=object)
     confidence[elsewhere] = chance_against(
         confidence[elsewhere], other.solution.confidence[elsewhere]
     )

@@ -116,7 +116,6 @@ def test_two_answers_that_contradict_each_other_are_less_sure():
             consensus=np.zeros((1, 3)),
             notes=(),
             side_chances={},
-            limited_by=("",) * 4,
         )
 
     stated = _contradicted(posed(rotations, 0.9), posed(other, 0.5))
