@@ -31,8 +31,8 @@ The way of a pair. ``collalign/align.py`` is the driver. One object goes through
   but one may be scans of that one. ``find_incomplete`` looks for incomplete shapes at the poses. Doubtful shapes with
   open borders are incomplete as well if they are posed more surely as parts (``chances_as_parts``). The others are
   posed again without them, and ``with_incomplete`` poses these on the others. Where most are open and some doubtful
-  in the end, ``align_parts`` poses all as parts of each other; the surer answer is kept, less sure where the two
-  contradict each other. The same happens without material that only single shapes have, such as a stand
+  in the end, ``align_parts`` poses all as parts of each other; the surer answer is kept; whole shapes are less
+  sure where parts contradict them. The same happens without material that only single shapes have, such as a stand
   (``extra_points``).
 * **Pairs.** ``choose_pairs``, ``decide_group`` and ``match_pairs`` run in this order. A worker matches two shapes
   (``match_whole``). It assesses each candidate by energy and mismatch (``local_evidence``, ``candidate_costs``). If

@@ -252,7 +252,10 @@ def _finished(run: Run, missing: Mapping[int, str], answer: Answer) -> Answer:
 
 
 def _surest(run: Run, answer: Answer) -> Answer:
-    """Return the surer of the answer and that of all as parts of each other, if most are open and some doubtful."""
+    """Return the surer of the answer and that of all as parts of each other, if most are open and some doubtful.
+
+    Parts were right where they were sure; whole shapes, all of them cut, were not. So what contradicts these counts.
+    """
     _, matched, posed = answer
     options = run.session.options
     doubtful = posed.confidence_but_for_sides < DOUBT
@@ -272,9 +275,9 @@ def _surest(run: Run, answer: Answer) -> Answer:
     parts = align_parts(with_group(run, matched.group), matched.pairs, posed.side_chances)
     if parts is None:
         return answer
-    is_surer = parts.solution.confidence.mean() > posed.solution.confidence.mean()
-    chosen, other = (parts, posed) if is_surer else (posed, parts)
-    return run, matched, _contradicted(chosen, other)
+    if parts.solution.confidence.mean() > posed.solution.confidence.mean():
+        return run, matched, parts
+    return answer[0], matched, _contradicted(posed, parts)
 
 
 def _contradicted(posed: Posed, other: Posed) -> Posed:
