@@ -36,7 +36,7 @@ from collalign.stages.steps import Posed, Run
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, Holds, IntArray, read_only
 from data_tools.partial_surface import PartialSurface
-from data_tools.poses import AGREE_DEG, Similarity, pose_angle_deg, scales_of
+from data_tools.poses import AGREE_DEG, Similarity, pose_angle_deg
 from pairwise.partial_match import match_partial
 
 #: Rounds at most, of which the one counts in which the shapes are surest. Scans of half an object took four.
@@ -199,13 +199,10 @@ def _in_rounds(
         chance = float(np.mean([pose_chance(record) for record in records.values()]))
         if chance > surest:
             best, found, surest = transforms, records, chance
-        if (pose_angle_deg(_turns(transforms), _turns(former)) <= AGREE_DEG).all():
+        turned, before = (Similarity.of_transforms(one).rotation for one in (transforms, former))
+        if (pose_angle_deg(turned, before) <= AGREE_DEG).all():
             break
     return best, found
-
-
-def _turns(transforms: FloatArray) -> FloatArray:
-    return np.asarray(transforms[:, :3, :3] / scales_of(transforms)[:, None, None])
 
 
 def _partners(pairs: Mapping[tuple[int, int], PartPoses], shapes: Shapes) -> list[IntArray]:
