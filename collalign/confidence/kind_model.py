@@ -16,6 +16,10 @@ from data_tools.arrays import FloatArray
 CONSTANT, MISMATCH, SHELLS, DESCRIPTOR = 6.9, -11.6, -1.3, -0.6
 #: The same before two shapes are matched: by the two distances alone.
 FREE_CONSTANT, FREE_SHELLS, FREE_DESCRIPTOR = -6.4, -2.5, -1.8
+#: The same of an open surface and a closed one by their least energy as parts of each other, its logarithm, whatever
+#: all else says: what is missing changes both distances, and how whole shapes match. A logistic model; ``python -m
+#: experiments calibrate kind_parts`` fits it.
+PART_CONSTANT, PART_ENERGY = -12.3, -4.1
 #: Distances count as no smaller than this: copies.
 LEAST_DISTANCE = 0.02
 #: Log-odds that two groups of shapes are of different kinds: a constant, and the weights of two numbers. The first is
@@ -47,6 +51,17 @@ def kin_log_odds(
         return FREE_CONSTANT + FREE_SHELLS * of_shells + FREE_DESCRIPTOR * of_descriptors
     known = CONSTANT + SHELLS * of_shells + DESCRIPTOR * of_descriptors
     return np.asarray(known + MISMATCH * mismatches)
+
+
+def part_log_odds(energies: FloatArray) -> FloatArray:
+    """Return the log-odds that open and closed surfaces are of one kind, of the shape of the argument.
+
+    Parameters
+    ----------
+    energies : ndarray
+        Least of each pair, see :class:`pairwise.partial_match.SearchedPose`.
+    """
+    return np.asarray(PART_CONSTANT + PART_ENERGY * np.log(energies))
 
 
 def split_log_odds(gaps: FloatArray, across: FloatArray) -> FloatArray:

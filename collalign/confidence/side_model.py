@@ -43,7 +43,7 @@ LEAST_OPEN, LEAST_OPEN_ALONE = 1.85e-4, 6e-4
 MOST_BETWEEN = 2.0
 #: Surfaces name the sides alone where the support of every shape is at least the first. They are in doubt where one
 #: place of 15 % of the area tells the second share of them, in the median shape.
-LEAST_ALONE, LARGEST_PLACE = 1e-3, 0.51
+LEAST_ALONE, LARGEST_PLACE = 1e-3, 0.47
 #: Sides that fits find likely: least median preference between them, most contradicted, least balance; half of the
 #: first, over few pairs, makes it worth to match more.
 LIKELY_BETWEEN, LIKELY_CONTRADICTED, LIKELY_BALANCE = 0.085, 0.1, 0.8

@@ -25,7 +25,13 @@ from collalign.stages.extra_material import (
     with_extra_material,
 )
 from collalign.stages.incomplete.add import chances_as_parts, with_incomplete
-from collalign.stages.incomplete.detect import FOUND, LIKELIER, are_too_many, find_incomplete
+from collalign.stages.incomplete.detect import (
+    FOUND,
+    LIKELIER,
+    MIN_COMPLETE_SHAPES,
+    are_too_many,
+    find_incomplete,
+)
 from collalign.stages.incomplete.on_model import align_on_model
 from collalign.stages.incomplete.parts import align_parts
 from collalign.stages.incomplete.scans import align_scans, match_badly, were_seen
@@ -81,9 +87,10 @@ def pose_all(run: Run, missing: Mapping[int, str]) -> Answer:
 
 
 def _on_former_parts(run: Run, missing: Mapping[int, str]) -> Mapping[int, str]:
-    """Return what is missing; where an earlier run found none complete, new shapes are parts of those that stay."""
+    """Return what is missing; where an earlier run found few complete, new shapes are parts of those that stay."""
     fixed = run.constraints.fixed.keys()
-    if {*missing.values()} != {FOUND} or len(fixed) < 2 or not fixed <= missing.keys():
+    num_complete = len(fixed - missing.keys())
+    if {*missing.values()} != {FOUND} or len(fixed) < 2 or num_complete >= MIN_COMPLETE_SHAPES:
         return missing
     return {i: LIKELIER for i in range(len(run.shapes.names)) if i not in fixed}
 

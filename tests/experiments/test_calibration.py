@@ -10,6 +10,7 @@ import pytest
 
 from data_tools.embedding.surface_points import surface_cells
 from experiments.calibration import CALIBRATIONS, calibrate, few_radii
+from experiments.calibration.kind_parts import PartPairs, fit_parts
 from experiments.calibration.kinds import NUM_RIVALS, comparisons, fit_splits, joined
 from experiments.calibration.overlaps import (
     JudgedPairs,
@@ -60,6 +61,7 @@ def test_a_scan_finds_the_better_value_and_says_what_others_would_have_chosen():
         ("evidence", "glasses"),
         ("margins", "chair"),
         ("kinds", "generated families: chairs and figures"),
+        ("kind_parts", "CAPOD: horse"),
         ("maps", "generated bipeds"),
     ],
 )
@@ -80,6 +82,17 @@ def folder_of_kinds(rng, *, apart):
     noise = 0.5 * rng.standard_normal((24, 24))
     odds = 6.0 - apart * (kinds[:, None] != kinds) + noise + noise.T
     return comparisons(odds, kinds)
+
+
+def test_the_fit_of_parts_tells_kin_that_it_has_not_seen_and_takes_no_others_for_it():
+    rng = np.random.default_rng(4)
+    are_kin = rng.random(300) < 0.3
+    energies = np.exp(np.where(are_kin, -3.4, -2.4) + 0.15 * rng.standard_normal(300))
+    seen = PartPairs(energies=energies[:200], are_kin=are_kin[:200])
+    fitted = fit_parts(seen)
+    unseen = PartPairs(energies=energies[200:], are_kin=are_kin[200:])
+    assert unseen.share_right(fitted) > 0.95
+    assert PartPairs(energies=unseen.energies, are_kin=~unseen.are_kin).share_right(fitted) < 0.05
 
 
 def test_the_fit_of_splits_tells_kinds_apart_that_it_has_not_seen_and_splits_none():

@@ -9,7 +9,7 @@ is common to several partners decides, which no pair can tell.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -17,6 +17,7 @@ import numpy as np
 
 from collalign.engine.job import Job, Results, Wanted
 from collalign.engine.records import Record
+from collalign.options import AlignSession
 from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
 from collalign.stages.incomplete.add import (
@@ -105,7 +106,7 @@ def align_parts(
     session, shapes, num = run.session, run.shapes, len(run.shapes.names)
     with run.stage("incomplete shapes"):
         surfaces = prepare_points(session, shapes, range(num))
-        pairs = _part_pairs(run, surfaces)
+        pairs = match_in_part(session, shapes, surfaces, itertools.combinations(range(num), 2))
         solution = synchronize_pairs(
             session.options, num, [_pair(ends, found) for ends, found in pairs.items()]
         )
@@ -117,22 +118,23 @@ def align_parts(
     return with_sides(posed, side_chances)
 
 
-def _part_pairs(
-    run: Run, surfaces: Results[int, PartialSurface]
+def match_in_part(
+    session: AlignSession,
+    shapes: Shapes,
+    surfaces: Results[int, PartialSurface],
+    edges: Iterable[tuple[int, int]],
 ) -> dict[tuple[int, int], PartPoses]:
-    """Return the poses of all pairs that overlap in part, by target and source."""
-    options, wanted = run.session.options, {}
+    """Return the poses of those pairs that overlap in part, by target and source; the session's group is decided."""
+    options, wanted = session.options, {}
     given = {"group": options.group, "estimate_scale": options.scaling == "similarity"}
-    for i, j in itertools.combinations(range(len(run.shapes.names)), 2):
+    for i, j in edges:
         ends = surfaces.shared(i), surfaces.shared(j)
         wanted[i, j] = Wanted(
             key=MATCHING_PARTS.key(given, *(end.key for end in ends)),
-            label=run.shapes.label(i, j),
+            label=shapes.label(i, j),
             arguments={"target": ends[0], "source": ends[1], **given},
         )
-    found = run.session.compute(
-        MATCHING_PARTS, wanted, time_limit_s=run.session.run.pair_time_limit_s
-    )
+    found = session.compute(MATCHING_PARTS, wanted, time_limit_s=session.run.pair_time_limit_s)
     return {ends: poses for ends, poses in found.items() if len(poses.energies)}
 
 
@@ -238,7 +240,7 @@ def _posed(
     transforms: FloatArray,
     found: Mapping[int, Record],
 ) -> Posed:
-    """Return what follows from the poses; all count as incomplete, as none tells what the others lack."""
+    """Return what follows from the poses; all open shapes count as incomplete: none tells what the others lack."""
     shapes, partners = run.shapes, _partners(pairs, run.shapes)
     framed, rotations = framed_poses(run, transforms)
     labels, universe = universe_labels(shapes, framed)
@@ -251,7 +253,9 @@ def _posed(
         for ends, poses in pairs.items()
     ]
     incomplete = tuple(
-        incomplete_record(i, found[i], LIKELIER, own) for i, own in enumerate(partners)
+        incomplete_record(i, found[i], LIKELIER, own)
+        for i, own in enumerate(partners)
+        if shapes.samples[i].rim != "closed"
     )
     every = (np.arange(len(partners)),)
     return Posed(

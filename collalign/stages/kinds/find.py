@@ -7,10 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from collalign.confidence.kind_model import LEAST_FREE_SPLIT, kin_log_odds
+from collalign.confidence.kind_model import LEAST_FREE_SPLIT, kin_log_odds, part_log_odds
 from collalign.options import MAX_ROUNDS, AlignSession
 from collalign.products.shapes import Shapes
 from collalign.stages.choose_pairs import normalised
+from collalign.stages.incomplete.parts import match_in_part
+from collalign.stages.incomplete.posed_points import prepare_points
 from collalign.stages.incomplete.scans import were_seen
 from collalign.stages.kinds.grouping import (
     FEWEST_OF_KIND,
@@ -21,7 +23,7 @@ from collalign.stages.kinds.grouping import (
 from collalign.stages.kinds.pose_free import kind_descriptors
 from collalign.stages.match_pairs import pairs_that_match
 from collalign.stages.steps import with_decided_group
-from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import OptionsError
 
 #: Shapes, the nearest before any are matched, that each is matched with.
@@ -93,9 +95,8 @@ def find_kinds(
         return None
     distances = descriptors.distances()
     free = kin_log_odds(*distances)
-    parts = _may_be_parts(shapes)
     if not num:
-        first = group_shapes(free, known=known, never_apart=parts, least_split=LEAST_FREE_SPLIT)
+        first = group_shapes(free, known=known, least_split=LEAST_FREE_SPLIT)
         if first.num == 1:
             return None
     log_odds = np.minimum(free, 0.0)
@@ -105,15 +106,14 @@ def find_kinds(
     looked_at = set[tuple[int, int]]()
     for _ in range(MAX_ROUNDS):
         found = (
-            group_into(log_odds, num, known=known)
-            if num
-            else group_shapes(log_odds, known=known, never_apart=parts)
+            group_into(log_odds, num, known=known) if num else group_shapes(log_odds, known=known)
         )
         edges = sorted({*_across(found, log_odds)} - looked_at)
         if found.num == 1 or not edges:
             break
         second_group = "SO" if session.options.group == "SO" else "O"
         evidence.add(least_mismatches(session, shapes, edges, second_group))
+        evidence.add_parts(least_as_parts(session, shapes, edges, second_group))
         looked_at |= {*edges}
     was_mixed = known is not None and known.max() > 0
     if found.num == 1 or not (num or was_mixed or _is_mixed(found)):
@@ -131,12 +131,6 @@ def alikeness(shapes: Shapes) -> FloatArray:
 def _is_mixed(found: Grouping) -> bool:
     """Return whether groups show that a folder holds several kinds; single odd shapes do not."""
     return int((np.bincount(found.labels) >= FEWEST_OF_KIND).sum()) > 1
-
-
-def _may_be_parts(shapes: Shapes) -> BoolArray:
-    """Return which shapes may be parts of others: open surfaces, where most are closed."""
-    are_open = np.array([one.rim == "open" for one in shapes.samples])
-    return are_open & (2 * are_open.sum() < len(are_open))
 
 
 def likely_kin(log_odds: FloatArray, num: int) -> list[tuple[int, int]]:
@@ -163,6 +157,12 @@ class _Evidence:
             before = self.log_odds[i, j] if (i, j) in self.matched else -np.inf
             self.log_odds[i, j] = self.log_odds[j, i] = max(float(known), before)
             self.matched.add((i, j))
+
+    def add_parts(self, energies: Mapping[tuple[int, int], float]) -> None:
+        """Take in what matching says of pairs one of which may be a part of the other, where it says more."""
+        for (i, j), least in energies.items():
+            known = float(part_log_odds(np.array(least)))
+            self.log_odds[i, j] = self.log_odds[j, i] = max(known, self.log_odds[i, j])
 
 
 def least_mismatches(
@@ -191,6 +191,25 @@ def least_mismatches(
         for one in pairs
         if not np.isnan(one.mismatches).all()
     }
+
+
+def least_as_parts(
+    session: AlignSession, shapes: Shapes, edges: Sequence[tuple[int, int]], group: str
+) -> dict[tuple[int, int], float]:
+    """Return the least energies of those pairs of a closed and an open surface that overlap in part, in this order.
+
+    Objects that are assembled of components have borders everywhere: of these no pair is matched. Parameters are
+    those of :func:`least_mismatches`.
+    """
+    rims = [one.rim for one in shapes.samples]
+    ordered = [pair if rims[pair[0]] == "closed" else pair[::-1] for pair in edges]
+    mixed = [(i, j) for i, j in ordered if (rims[i], rims[j]) == ("closed", "open")]
+    if not mixed or shapes.are_assembled:
+        return {}
+    decided = with_decided_group(session, group)
+    surfaces = prepare_points(decided, shapes, sorted({i for pair in mixed for i in pair}))
+    found = match_in_part(decided, shapes, surfaces, mixed)
+    return {pair: float(poses.energies.min()) for pair, poses in found.items()}
 
 
 def _across(found: Grouping, log_odds: FloatArray) -> list[tuple[int, int]]:

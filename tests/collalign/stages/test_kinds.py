@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from collalign import AlignOptions, RunOptions
-from collalign.confidence.kind_model import MOST_KIN, kin_log_odds, split_log_odds
+from collalign.confidence.kind_model import MOST_KIN, kin_log_odds, part_log_odds, split_log_odds
 from collalign.engine.session import Session
 from collalign.products.kinds import Kind
 from collalign.products.pair import FormerPairs
@@ -30,6 +30,7 @@ from data_tools.options import CleaningOptions, SamplingOptions
 from data_tools.poses import APART_DEG
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
+from experiments.pairs.incomplete import without_share
 
 OPTIONS = AlignOptions(
     group="SO", sampling=SamplingOptions(num_points=32, num_dense_points=100), maps="never"
@@ -97,16 +98,6 @@ def test_known_groups_stay_apart_and_new_shapes_come_to_theirs():
     near = log_odds_of([0, 0, 1, 1, 1, 0])
     found = group_shapes(near, known=known)
     assert as_partition(found.labels) == {(0, 1, 5), (2, 3, 4)}
-
-
-def test_a_few_shapes_that_may_be_parts_are_no_kind_of_their_own():
-    labels = [0, 0, 0, 0, 1]
-    odds = log_odds_of(labels, kin=9.0)
-    assert group_shapes(odds).num == 2
-    parts = np.array([False] * 4 + [True])
-    assert group_shapes(odds, never_apart=parts).num == 1
-    three = log_odds_of([0, 0, 0, 1, 1, 1], kin=9.0)
-    assert group_shapes(three, never_apart=np.arange(6) > 2).num == 2
 
 
 def test_each_shape_is_matched_with_its_likeliest_kin_and_never_with_itself(rng):
@@ -194,6 +185,25 @@ def test_two_kinds_are_found_and_one_is_not_split(mixed):
         assert halves.num == 2
         with pytest.raises(OptionsError, match="at most 6"):
             find_kinds(session, alone, num=7)
+
+
+def test_what_is_missing_of_shapes_makes_no_kind(mixed):
+    planted, kinds = mixed
+    rng = np.random.default_rng(2)
+    shapes = [planted.shapes[i] for i in np.flatnonzero(kinds == 0)]
+    halves = [without_share(one, random_rotation(rng)[0], 0.4) for one in shapes[:3]]
+    with Session.open(OPTIONS, RunOptions(jobs=1)) as session:
+        assert find_kinds(session, prepared(session, [*halves, *shapes[3:]])) is None
+        figures = [planted.shapes[i] for i in np.flatnonzero(kinds == 1)]
+        found = find_kinds(session, prepared(session, [*halves, *shapes[3:], *figures[:3]]))
+        assert found is not None
+        assert found.num == 2
+
+
+def test_a_part_of_less_energy_is_likelier_of_one_kind():
+    odds = part_log_odds(np.array([0.02, 0.04, 0.09]))
+    assert (np.diff(odds) < 0.0).all()
+    assert odds[0] > 0.0 > odds[2]
 
 
 def test_one_kind_costs_no_pair(mixed):
