@@ -515,8 +515,9 @@ def _covered(note: Note) -> str:
         f"covers {percent(share)}" if share else "covers nothing, perhaps an intruder"
         for share in shares
     ]
-    if {*reasons} == {"scan"}:  # said of all at once
-        return "; ".join(f"{name} ({word})" for name, word in zip(note.shapes, words, strict=True))
+    if len({*reasons}) == 1 < len(reasons):  # said of all at once
+        each = "; ".join(f"{name} ({word})" for name, word in zip(note.shapes, words, strict=True))
+        return each if reasons[0] == "scan" else f"{each}: of each, {reason_text(reasons[0])}"
     return "; ".join(
         f"{name} ({reason_text(why)}; {word})"
         for name, why, word in zip(note.shapes, reasons, words, strict=True)

@@ -37,6 +37,7 @@ _FOLDERS = {
     "scoreboard": "collections",
     "kinds": "collections",
     "library": "collections",
+    "parts": "collections",
     "speed": "peers",
 }
 NAMES: tuple[str, ...] = tuple(_FOLDERS)

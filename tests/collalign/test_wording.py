@@ -27,6 +27,7 @@ EXAMPLES = [
     Note("all-incomplete", PAIR, {"reasons": ("named", "cut-off"), "coverages": (0.37, 0.0)}),
     Note("all-incomplete", PAIR, {"reasons": ("scan", "scan"), "coverages": (0.37, 0.5)}),
     Note("incomplete", PAIR, {"reasons": ("named", "cut-off"), "coverages": (0.37, 0.0)}),
+    Note("incomplete", PAIR, {"reasons": ("cut-off", "cut-off"), "coverages": (0.37, 0.5)}),
     Note("coarse-coordinates", PAIR, {"steps": (0.5, 0.25)}),
     *(
         Note("copies", (*"abcdefghijkl",), {"kind": kind})

@@ -206,7 +206,8 @@ def _likeness(targets: Sequence[PartialSurface], found: Sequence[Counterparts]) 
         counterparts(first, second, _STILL, TUNED.num_points[1]).overlaps()
         for first, second in combinations(targets, 2)
     ]
-    return float(own / np.median(usual)) if np.any(usual) else float("nan")
+    among_targets = float(np.median(usual)) if usual else 0.0
+    return float(own) / among_targets if among_targets > 0.0 else float("nan")
 
 
 def _usual_costs(targets: Sequence[PartialSurface], num_points: int) -> list[FloatArray]:

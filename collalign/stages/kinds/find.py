@@ -23,7 +23,7 @@ from collalign.stages.kinds.grouping import (
 from collalign.stages.kinds.pose_free import kind_descriptors
 from collalign.stages.match_pairs import pairs_that_match
 from collalign.stages.steps import with_decided_group
-from data_tools.arrays import FloatArray, IntArray
+from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.errors import OptionsError
 
 #: Shapes, the nearest before any are matched, that each is matched with.
@@ -100,7 +100,9 @@ def find_kinds(
         if first.num == 1:
             return None
     log_odds = np.minimum(free, 0.0)
-    evidence = _Evidence(distances=distances, log_odds=log_odds)
+    evidence = _Evidence(
+        distances=distances, log_odds=log_odds, are_parts=np.zeros(len(free), dtype=np.bool_)
+    )
     edges = likely_kin(free, NUM_NEAR)
     evidence.add(least_mismatches(session, shapes, edges, session.options.group))
     looked_at = set[tuple[int, int]]()
@@ -115,6 +117,8 @@ def find_kinds(
         evidence.add(least_mismatches(session, shapes, edges, second_group))
         evidence.add_parts(least_as_parts(session, shapes, edges, second_group))
         looked_at |= {*edges}
+    if not num:
+        found = group_shapes(log_odds, known=known, never_apart=evidence.are_parts)
     was_mixed = known is not None and known.max() > 0
     if found.num == 1 or not (num or was_mixed or _is_mixed(found)):
         return None
@@ -143,10 +147,14 @@ def likely_kin(log_odds: FloatArray, num: int) -> list[tuple[int, int]]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Evidence:
-    """What is known of pairs: distances of their descriptors, and the log-odds that matching may change in place."""
+    """What is known of pairs: distances of their descriptors, and the log-odds that matching may change in place.
+
+    ``are_parts`` (N,) are the open shapes that are likely parts of a closed one.
+    """
 
     distances: tuple[FloatArray, FloatArray]
     log_odds: FloatArray
+    are_parts: BoolArray
     matched: set[tuple[int, int]] = field(default_factory=set)
 
     def add(self, mismatches: Mapping[tuple[int, int], float]) -> None:
@@ -163,6 +171,7 @@ class _Evidence:
         for (i, j), least in energies.items():
             known = float(part_log_odds(np.array(least)))
             self.log_odds[i, j] = self.log_odds[j, i] = max(known, self.log_odds[i, j])
+            self.are_parts[j] |= known > 0.0
 
 
 def least_mismatches(

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import expit
 
 from collalign.confidence.kind_model import FEW, MOST_KIN, split_log_odds
-from data_tools.arrays import FloatArray, IntArray
+from data_tools.arrays import BoolArray, FloatArray, IntArray
 
 #: Members of a group that shows, with a second one, that a folder holds several kinds. Fewer may be odd or broken.
 FEWEST_OF_KIND = 3
@@ -49,6 +49,7 @@ def group_shapes(
     log_odds: FloatArray,
     *,
     known: IntArray | None = None,
+    never_apart: BoolArray | None = None,
     least_split: float = 0.0,
 ) -> Grouping:
     """Join groups of shapes, the nearest first, unless they are likely of different kinds.
@@ -59,10 +60,12 @@ def group_shapes(
         Of two shapes being of one kind; symmetric.
     known : ndarray of int, shape (N,), optional
         Groups that are not joined with each other, from 0; -1 for shapes that may come to any.
+    never_apart : ndarray of bool, shape (N,), optional
+        Shapes that are no kind by themselves, be it one or two: parts of others may be so.
     least_split : float
         Log-odds above which two groups stay apart.
     """
-    state = Groups(log_odds, known)
+    state = Groups(log_odds, known, never_apart)
     while (pair := state.next_pair(least_split)) is not None:
         state.join(*pair)
     return state.result()
@@ -92,15 +95,21 @@ class Groups:
     Parameters
     ----------
     log_odds : ndarray, shape (N, N)
-    known : ndarray of int, shape (N,), optional
+    known, never_apart : ndarray, shape (N,), optional
         See :func:`group_shapes`.
     """
 
-    def __init__(self, log_odds: FloatArray, known: IntArray | None = None) -> None:
+    def __init__(
+        self,
+        log_odds: FloatArray,
+        known: IntArray | None = None,
+        never_apart: BoolArray | None = None,
+    ) -> None:
         self._odds = log_odds.copy()
         np.fill_diagonal(self._odds, -np.inf)
         num = len(log_odds)
         self._known = np.full(num, -1) if known is None else known.copy()
+        self._parts = np.zeros(num, dtype=bool) if never_apart is None else never_apart.copy()
         self.members = {i: [i] for i in range(num)}
         self._nearest = self._odds.copy()  # of each shape to each group
         self._sums = self._nearest.copy()  # of these over the members of a group
@@ -140,6 +149,8 @@ class Groups:
         """Return the two nearest groups that nothing keeps apart; None where there are none."""
         at, across = self.alive, self.across()
         apart = self.splits(across) > least_split
+        weak = self._parts[at] & (self._sizes[at] < FEWEST_OF_KIND)
+        apart &= ~(weak[:, None] | weak)
         labels = self._known[at]
         apart |= (labels[:, None] != labels) & (labels[:, None] >= 0) & (labels >= 0)
         free = np.where(apart, -np.inf, across)
@@ -160,6 +171,7 @@ class Groups:
         self._kin[one] = self._odds[np.ix_(inside, inside)].max(axis=1).mean()
         self._sizes[one] += self._sizes[other]
         self._known[one] = max(self._known[one], self._known[other])
+        self._parts[one] &= self._parts[other]
 
     def result(self) -> Grouping:
         """Return the groups as they are now."""

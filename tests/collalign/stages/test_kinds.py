@@ -100,6 +100,16 @@ def test_known_groups_stay_apart_and_new_shapes_come_to_theirs():
     assert as_partition(found.labels) == {(0, 1, 5), (2, 3, 4)}
 
 
+def test_a_few_shapes_that_may_be_parts_are_no_kind_of_their_own():
+    labels = [0, 0, 0, 0, 1]
+    odds = log_odds_of(labels, kin=9.0)
+    assert group_shapes(odds).num == 2
+    parts = np.array([False] * 4 + [True])
+    assert group_shapes(odds, never_apart=parts).num == 1
+    three = log_odds_of([0, 0, 0, 1, 1, 1], kin=9.0)
+    assert group_shapes(three, never_apart=np.arange(6) > 2).num == 2
+
+
 def test_each_shape_is_matched_with_its_likeliest_kin_and_never_with_itself(rng):
     odds = log_odds_of([0, 0, 0, 1, 1, 1], rng=rng)
     assert {(i // 3, j // 3) for i, j in likely_kin(odds, 2)} == {(0, 0), (1, 1)}
