@@ -38,6 +38,8 @@ class Refiner:
         Growth of the number of functions from step to step.
     last, num_dense : int, optional
         Number of functions at the end, and how many of the dense samples are used; all by default.
+    curvature_weight : float
+        Root mean square weight of a curvature relative to one function.
     """
 
     def __init__(
@@ -49,6 +51,7 @@ class Refiner:
         factor: float,
         last: int | None = None,
         num_dense: int | None = None,
+        curvature_weight: float = TUNED.curvature_weight,
     ) -> None:
         on_target, on_source = target.dense[:num_dense], source.dense[:num_dense]
         most = min(len(target.eigenvalues), len(source.eigenvalues)) + 1
@@ -65,7 +68,7 @@ class Refiner:
             self._source,
             zoomout_sizes(min(first, last), last, factor=factor),
             descriptors=features,
-            descriptor_weight=TUNED.curvature_weight,
+            descriptor_weight=curvature_weight,
         )
 
     def from_rotation(self, rotation_target_source: FloatArray) -> FunctionalMap:

@@ -16,12 +16,11 @@ from collalign.nonrigid.map_options import NonrigidKeywords, NonrigidOptions, Su
 from collalign.nonrigid.portfolio import (
     SAME_SHARE,
     Refined,
-    agreements,
     find_candidates,
+    likeliest,
     mended,
     same_places,
     sharpened,
-    support,
     trust_of,
 )
 from collalign.nonrigid.spectral_shape import SpectralShape, prepare_surface
@@ -371,15 +370,9 @@ def _half_turned(
 def chosen_first(
     target: SpectralShape, found: list[Refined], options: NonrigidOptions
 ) -> list[Refined]:
-    """Return candidates with the chosen one first, then by score.
-
-    It is the one that the others agree with most and that keeps left and right most clearly, where normals tell.
-    """
+    """Return candidates with the chosen one first, then by score."""
     ordered = sorted(found, key=lambda c: c.score)
-    sides = np.array([c.evidence.orientation for c in ordered])
-    if options.orientation == "any":
-        sides = np.abs(sides)
-    chosen = ordered[int(np.argmax(support(agreements(target, ordered), sides)))]
+    chosen = ordered[likeliest(target, ordered, options)]
     return [chosen, *(c for c in ordered if c is not chosen)]
 
 

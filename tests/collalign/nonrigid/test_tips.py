@@ -10,7 +10,14 @@ from collalign.nonrigid.functional_map import FunctionalMap
 from collalign.nonrigid.map_evidence import limb_gap
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.map_starts import tip_starts
-from collalign.nonrigid.portfolio import find_candidates
+from collalign.nonrigid.portfolio import (
+    FROM_POSES,
+    FROM_TIPS,
+    SURE_FROM_WITHIN,
+    find_candidates,
+    likeliest,
+    whole_trust,
+)
 from collalign.nonrigid.spectral_shape import prepare_surface
 from collalign.nonrigid.tips import MAX_TIPS, Tips, _persistence, edge_net, tip_matches
 from experiments.generated.bipeds import KINDS, biped, template_points
@@ -127,3 +134,19 @@ def test_the_best_candidate_of_two_kinds_is_right_and_fits_across_limbs(bodies):
     assert off[0] < 0.1
     assert max(off) > 0.3
     assert found[0].evidence.limbs == min(one.evidence.limbs for one in found) < 0.5
+
+
+def test_poses_and_tips_start_maps_only_where_those_from_within_are_in_doubt(bodies):
+    target, source = bodies[1]
+
+    def tried(shape, *, orientation="preserving"):
+        options = NonrigidOptions(orientation=orientation)
+        found = find_candidates(target, shape, options)
+        sure = whole_trust(target, found, likeliest(target, found, options))
+        return sure, {one.origin for one in found} & {FROM_TIPS, FROM_POSES}
+
+    sure, others = tried(target)
+    assert sure >= SURE_FROM_WITHIN
+    assert not others
+    assert tried(source)[1], "a person and an ape"
+    assert tried(target, orientation="any")[1], "all that are mirrored are asked for"
