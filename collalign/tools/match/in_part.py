@@ -276,8 +276,8 @@ def _poses_of_part(target: Shape, source: Shape, group: str) -> _Found:
     best = found.rotations[order[0]], found.shifts[order[0]]
     axis = None
     if np.linalg.det(best[0]) > 0:
-        coarse = (surface.coarse for surface in surfaces)
-        axis = free_axis(*coarse, *best, side_known=side_known)
+        ends = surfaces[0].coarse, surfaces[1].coarse
+        axis = free_axis(*ends, *best, side_known=side_known)
     if axis is not None and not is_source_part:
         axis = np.stack([best[0].T @ (axis[0] - best[1]), best[0].T @ axis[1]])
     return _Found(_listed(found if is_source_part else found.inverse(), chances), axis)
