@@ -297,8 +297,8 @@ TOOL_TEXTS: dict[str, _Text] = {
     "has -1 there.",
     "measured-again": "The repeatability of shape is {repeatability:.3f}, from {measurements} measurements of {num} "
     "specimens (Rsq {r2:.3f}).",
-    "free-rotation": "{shapes} may be turned as you like about an axis along {axis}, in coordinates of the target: "
-    "it lies on the target all the way round.",
+    "free-rotation": "{shapes} may be turned as you like about an axis along {axis}, in coordinates of {whole}: "
+    "it lies on {whole} all the way round.",
     "mirror-fits-better": "The mirror image of {shapes} fits much better, with an energy of {energy:.4g}. If one "
     "shape is of the other side, or was reflected, use --group O.",
     "mirror-part-fits-better": lambda of: (

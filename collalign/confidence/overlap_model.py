@@ -19,7 +19,7 @@ LEAST_CONSENSUS, UNEXPLAINED = 0.03, 0.1
 #: Log-odds of a pose of a part on its whole, and of "no pose is right": per logarithm of 1 / (share of the part off
 #: the whole + the last number), of 1 + share of the whole in front of what the part saw over .01, and of the share of
 #: the whole that is covered. ``python -m experiments calibrate wholes`` fits them.
-WHOLE_WEIGHTS = (2.4, -1.0, 3.5, 1.5, 0.02)
+WHOLE_WEIGHTS = (2.5, -0.8, 5.0, 4.8, 0.02)
 #: Scans that were taken one after the other overlap: by so much their poses are more probable than those of any two.
 #: ``python -m experiments calibrate overlaps`` fits this and the next two numbers.
 ORDER_ODDS = 2.5

@@ -98,6 +98,12 @@ class Incomplete:
         )
 
 
+def free_rotation(scan: str, whole: str, axis: FloatArray) -> Note:
+    """Return the note that a scan may be turned about an axis (2, 3), in coordinates of a whole, both by name."""
+    values = {"axis": " ".join(f"{value:.3g}" for value in axis[1]), "whole": whole}
+    return Note("free-rotation", (scan,), values)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExtraMaterial:
     """Material of a shape that no other shape has, such as a stand, plaster or a neighbour; poses ignore it.

@@ -17,11 +17,18 @@ from data_tools.local_surface import LocalSurface
 from data_tools.poses import Similarity
 from data_tools.threads import one_blas_thread
 from pairwise.features.depth_images import sight_conflicts
-from pairwise.features.overlap import LocalPoses, closeness, evaluate_poses
+from pairwise.features.overlap import (
+    PARTNER_CELLS,
+    PARTNER_COSINE,
+    LocalPoses,
+    closeness,
+    evaluate_poses,
+)
 from pairwise.features.point_pairs import pair_vote_poses
 from pairwise.features.poses import (
     FIRST_STEPS,
     LAST_STEPS,
+    STEP_COSINE,
     consensus_poses,
     feature_distances,
     match_features,
@@ -33,8 +40,12 @@ from pairwise.features.poses import (
 #: A part is no larger than so many times its whole, by root mean square radii: what is, is in another unit. Even the
 #: two ends of a dumbbell are below two.
 MOST_LARGER = 3.0
-#: Poses of each kind that are refined, by so many points, and of which so many for each wanted one on all points.
-NUM_PROPOSED, FEW_POINTS, NUM_KEPT = 60, 200, 2
+#: Poses that pairs of points propose are looked at by so many points of the part, within so many cells of the whole.
+LOOKED_POINTS, LOOKED_CELLS = 80, 2.0
+#: So many of them are refined, by so many points, that differ by more than these degrees or cells ...
+NUM_PROPOSED, PROPOSED_POINTS, SAME_PROPOSED = 150, 100, (10.0, 2.5)
+#: ... and of which so many for each wanted one, by so many points, are refined on all points.
+NUM_KEPT, FEW_POINTS = 2, 200
 #: How much a share of the whole in front of what the part saw counts against a pose, beside the share of the part
 #: that lies on the whole. Chosen on the scans of :class:`pairwise.features.point_pairs.VoteTuning`.
 FRONT_WEIGHT = 2.0
@@ -115,17 +126,18 @@ def _refined(whole: TwoScales, part: TwoScales, flip: float, num: int) -> LocalP
     to, of = whole.coarse, part.coarse
     cell = max(to.cell, of.cell)
     rotations, shifts, votes = pair_vote_poses(to, of)
-    likely = poses_apart(rotations, shifts, votes, of, cell, NUM_PROPOSED)
+    order = np.argsort(-votes, kind="stable")  # of poses that fit alike, those of most votes
+    rotations, shifts = rotations[order], shifts[order]
+    score = _few_score(to, of, rotations, shifts, LOOKED_POINTS, (LOOKED_CELLS, STEP_COSINE))
+    likely = poses_apart(rotations, shifts, score, of, cell, NUM_PROPOSED, same=SAME_PROPOSED)
     matches = match_features(feature_distances(to.features, of.features))
     agreed = consensus_poses(to, of, matches, num)
     poses = Similarity.rigid(
         np.concatenate([rotations[likely], agreed[0]]), np.concatenate([shifts[likely], agreed[1]])
     )
-    poses = refine_on_planes(to, of, poses, cutoffs=FIRST_STEPS, num_points=FEW_POINTS)
+    poses = refine_on_planes(to, of, poses, cutoffs=FIRST_STEPS, num_points=PROPOSED_POINTS)
     ends = to, of, poses.rotation, poses.shift
-    score = _score(
-        closeness(*ends, num_points=FEW_POINTS)[0], sight_conflicts(*ends, num_points=FEW_POINTS)[0]
-    )
+    score = _few_score(*ends, FEW_POINTS, (PARTNER_CELLS, PARTNER_COSINE))
     kept = poses_apart(poses.rotation, poses.shift, score, of, cell, NUM_KEPT * num)
     poses = refine_on_planes(to, of, poses[np.array(kept, dtype=np.int64)], cutoffs=LAST_STEPS)
     poses = refine_on_planes(whole.fine, part.fine, poses, cutoffs=FINE_STEPS)
@@ -142,7 +154,12 @@ def _refined(whole: TwoScales, part: TwoScales, flip: float, num: int) -> LocalP
 
 
 def free_axis(
-    whole: LocalSurface, part: LocalSurface, rotation: FloatArray, shift: FloatArray
+    whole: LocalSurface,
+    part: LocalSurface,
+    rotation: FloatArray,
+    shift: FloatArray,
+    *,
+    side_known: bool = True,
 ) -> FloatArray | None:
     """Return a point on the axis about which a part turns freely on its whole, and its direction, shape (2, 3).
 
@@ -154,7 +171,14 @@ def free_axis(
     whole, part : LocalSurface
     rotation, shift : ndarray, shapes (3, 3) and (3,)
         A pose of determinant 1; the axis is in the whole's coordinates.
+    side_known : bool
+        Whether the part's normals are on the same side as the whole's; if not, it is that side on which more of the
+        part lies on the whole.
     """
+    if not side_known:
+        sides, pose = (part, part.seen_from_behind()), (rotation[None], shift[None])
+        lying = [closeness(whole, side, *pose, num_points=FEW_POINTS)[0][0, 1] for side in sides]
+        part = sides[int(np.argmax(lying))]
     placed = part.points @ rotation.T + shift, part.normals @ rotation.T
     turns = 2.0 * np.pi * np.arange(NUM_TURNS) / NUM_TURNS
     for points, normals in ((whole.points, whole.normals), placed):
@@ -184,6 +208,33 @@ def _slipping_axis(points: FloatArray, normals: FloatArray) -> FloatArray | None
     if length < 0.1:
         return None
     return np.stack([centre + size * np.cross(turn, move) / length**2, turn / length])
+
+
+def _few_score(
+    whole: LocalSurface,
+    part: LocalSurface,
+    rotations: FloatArray,
+    shifts: FloatArray,
+    num_points: int,
+    near: tuple[float, float],
+) -> FloatArray:
+    """Return the score of poses (p, 3, 3), (p, 3) by few points of the part, shape (p,).
+
+    They lie on the whole within so many cells if both normals agree up to a cosine, the two numbers of ``near``.
+    """
+    from pairwise.features.partners import nearest_facing
+
+    few, back = part.few(num_points), np.swapaxes(rotations, 1, 2)
+    placed = part.points[few] @ back + shifts[:, None]
+    squares, _ = nearest_facing(
+        (whole.points, whole.normals),
+        (placed.reshape(-1, 3), (part.normals[few] @ back).reshape(-1, 3)),
+        reach=near[0] * max(whole.cell, part.cell),
+        cosine=near[1],
+    )
+    share = np.isfinite(squares).reshape(placed.shape[:2]).mean(axis=1)
+    in_front, _ = sight_conflicts(whole, part, rotations, shifts, num_points=FEW_POINTS)
+    return np.asarray(share - FRONT_WEIGHT * np.nan_to_num(in_front[:, 0]))
 
 
 def _score(overlaps: FloatArray, in_front: FloatArray) -> FloatArray:

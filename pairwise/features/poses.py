@@ -211,11 +211,16 @@ def poses_apart(
     source: LocalSurface,
     cell: float,
     num: int,
+    *,
+    same: tuple[float, float] = (SAME_POSE_DEG, SAME_POSE_CELLS),
 ) -> list[int]:
-    """Return at most ``num`` poses (p, 3, 3), (p, 3) that differ in rotation or place, by scores (p,), best first."""
+    """Return at most ``num`` poses (p, 3, 3), (p, 3) that differ in rotation or place, by scores (p,), best first.
+
+    Those within so many degrees and cells are the ``same``.
+    """
     places = rotations @ source.points.mean(axis=0) + shifts
-    are_apart = pose_angle_deg(rotations[:, None], rotations) > SAME_POSE_DEG
-    are_apart |= np.linalg.norm(places[:, None] - places, axis=2) > SAME_POSE_CELLS * cell
+    are_apart = pose_angle_deg(rotations[:, None], rotations) > same[0]
+    are_apart |= np.linalg.norm(places[:, None] - places, axis=2) > same[1] * cell
     kept: list[int] = []
     for p in np.argsort(-np.asarray(scores), kind="stable").tolist():
         if are_apart[p, kept].all():

@@ -7,15 +7,17 @@ any part of its model.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from collalign.confidence.overlap_model import chances_of, on_whole_log_odds
-from collalign.engine.job import Job, Wanted
+from collalign.confidence.overlap_model import MOST_CERTAIN, chances_of, on_whole_log_odds
+from collalign.engine.job import Job, Results, Wanted
 from collalign.options import AlignSession
 from collalign.products.pair import Pair
-from collalign.products.shapes import Shapes
-from collalign.stages.incomplete.join import JoinedScans, WeakCut
+from collalign.products.shapes import Shapes, free_rotation
+from collalign.products.trust import DOUBT
+from collalign.stages.incomplete.join import CONSISTENT_CELLS, JoinedScans, WeakCut
 from collalign.stages.incomplete.scans import (
     NUM_CANDIDATES,
     SCAN,
@@ -24,13 +26,14 @@ from collalign.stages.incomplete.scans import (
     posed_scans,
 )
 from collalign.stages.steps import Posed, Run
+from data_tools.arrays import BoolArray, FloatArray
 from data_tools.local_surface import LocalSurface
-from data_tools.poses import Similarity
-from pairwise.features.on_whole import MOST_LARGER, TwoScales, match_on_whole
+from data_tools.poses import AGREE_DEG, Similarity
+from pairwise.features.on_whole import MOST_LARGER, TwoScales, free_axis, match_on_whole
 from pairwise.features.overlap import LocalPoses
 
-#: A closed mesh is a model of scans if they lie on it with at least this mean probability. Six generated models have
-#: .47 and more, views of objects on one of them that was closed at its back up to .28, other objects .01.
+#: A closed mesh is a model of scans if they lie on it with at least this mean probability. Generated models of ten
+#: kinds have .42 and more, of two others .22 and .29, and models of other kinds .03 at most.
 LEAST_PLACED = 0.4
 
 
@@ -55,43 +58,61 @@ def align_on_model(run: Run, pairs: Sequence[Pair], reasons: Mapping[int, str]) 
     if len(complete) != 1 or run.constraints.fixed:
         return None
     with run.stage("incomplete shapes"):
-        placed = place_on_model(run.session, shapes, complete[0])
+        placed, axes = place_on_model(run.session, shapes, complete[0])
     scans = [i for i in range(num) if i != complete[0]]
     if not reasons and placed.confidence[scans].mean() < LEAST_PLACED:
         return None
-    return posed_scans(run, pairs, placed, reasons or dict.fromkeys(scans, SCAN))
+    posed = posed_scans(run, pairs, placed, reasons or dict.fromkeys(scans, SCAN))
+    names = shapes.names
+    free = (
+        free_rotation(names[i], names[complete[0]], axis)
+        for i, axis in axes.items()
+        if placed.confidence[i] >= DOUBT
+    )
+    return replace(posed, notes=(*posed.notes, *free))
 
 
-def place_on_model(session: AlignSession, shapes: Shapes, model: int) -> JoinedScans:
-    """Return each scan at its likeliest pose on the model, and how probable that is."""
-    found = _poses_on_model(session, shapes, model)
+def place_on_model(
+    session: AlignSession, shapes: Shapes, model: int
+) -> tuple[JoinedScans, dict[int, FloatArray]]:
+    """Return each scan at its likeliest pose on the model, how probable that is, and the axes of those that turn.
+
+    Axes (2, 3) are points and directions in coordinates of the model, by positions of scans; few have one.
+    """
+    coarse, found = _poses_on_model(session, shapes, model)
+    axes: dict[int, FloatArray] = {}
     transforms, confidence = (
         np.tile(np.eye(4), (len(shapes.names), 1, 1)),
         np.zeros(len(shapes.names)),
     )
     chances, overlaps, kept, cuts = {}, {}, {}, []
-    for i, poses in found.items():
-        own = chances_of(on_whole_log_odds(poses))
-        order = np.argsort(-own, kind="stable").tolist()
+    for i, unordered in found.items():
+        own = chances_of(on_whole_log_odds(unordered))
+        order = np.argsort(-own, kind="stable")
+        own, poses = own[order], unordered[order]
         placed = Similarity.rigid(poses.rotations, poses.shifts).transform
-        transforms[i], confidence[i] = placed[order[0]], own[order[0]]
+        same = np.arange(len(poses)) == 0
+        whole, side_known = coarse[model], _side_known(shapes, i)
+        if (axis := _free_axis(whole, coarse[i], poses, side_known=side_known)) is not None:
+            axes[i] = axis
+            same |= _turned_about(axis, placed, whole.cell)
+        transforms[i], confidence[i] = placed[0], min(float(own[same].sum()), MOST_CERTAIN)
         ends = min(i, model), max(i, model)
         chances[ends], overlaps[ends] = own, poses if model < i else poses.inverse()
-        kept[ends] = overlaps[ends][order[:1]]
-        weights = -np.log1p(-own[order])
+        kept[ends] = overlaps[ends][:1]
         cuts += [
             WeakCut(
                 ends=ends,
                 members=np.array([i]),
-                held=float(weights[0]),
-                against=float(weights[n]),
-                move=placed[order[n]] @ np.linalg.inv(placed[order[0]]),
+                held=-float(np.log1p(-confidence[i])),
+                against=-float(np.log1p(-own[n])),
+                move=placed[n] @ np.linalg.inv(placed[0]),
             )
-            for n in range(1, len(order))
+            for n in np.flatnonzero(~same).tolist()
         ]
     confidence[model] = confidence.max()
     lost = [i for i in range(len(shapes.names)) if i != model and i not in found]
-    return JoinedScans(
+    joined = JoinedScans(
         transforms=transforms,
         confidence=confidence,
         chances=chances,
@@ -100,10 +121,40 @@ def place_on_model(session: AlignSession, shapes: Shapes, model: int) -> JoinedS
         parts=[np.array(sorted({model, *found})), *(np.array([i]) for i in lost)],
         cuts=cuts,
     )
+    return joined, axes
 
 
-def _poses_on_model(session: AlignSession, shapes: Shapes, model: int) -> dict[int, LocalPoses]:
-    """Return the poses of scans on their model, by position; none of those of another unit or of too few points."""
+def _free_axis(
+    whole: LocalSurface, scan: LocalSurface, poses: LocalPoses, *, side_known: bool
+) -> FloatArray | None:
+    """Return the axis (2, 3) about which a scan turns freely on its model at the first pose."""
+    rotation, shift = poses.rotations[0], poses.shifts[0]
+    if np.linalg.det(rotation) < 0:
+        return None
+    return free_axis(whole, scan, rotation, shift, side_known=side_known)
+
+
+def _side_known(shapes: Shapes, scan: int) -> bool:
+    """Return whether normals of a scan are on the outer side; those of a cloud may be on either."""
+    return shapes.samples[scan].rim != "unknown"
+
+
+def _turned_about(axis: FloatArray, placed: FloatArray, cell: float) -> BoolArray:
+    """Return which poses (p, 4, 4) are the first one turned about an axis (2, 3), shape (p,)."""
+    moves = placed @ np.linalg.inv(placed[0])
+    keeps = moves[:, :3, :3] @ axis[1] @ axis[1] >= np.cos(np.radians(AGREE_DEG))
+    slides = moves[:, :3, :3] @ axis[0] + moves[:, :3, 3] - axis[0]
+    is_near = np.linalg.norm(slides, axis=1) < CONSISTENT_CELLS * cell
+    return np.asarray(keeps & is_near & (np.linalg.det(moves[:, :3, :3]) > 0))
+
+
+def _poses_on_model(
+    session: AlignSession, shapes: Shapes, model: int
+) -> tuple[Results[int, LocalSurface], dict[int, LocalPoses]]:
+    """Return the surfaces, and the poses of scans on their model, by position.
+
+    There are no poses of scans of another unit or of too few points.
+    """
     samples, group = shapes.samples, session.options.group
     cell = common_cell([samples[model]])
     chosen = [i for i, item in enumerate(samples) if common_cell([item]) <= MOST_LARGER * cell]
@@ -122,15 +173,14 @@ def _poses_on_model(session: AlignSession, shapes: Shapes, model: int) -> dict[i
             "part": coarse.shared(i),
             "fine_part": fine.shared(i),
         }
-        # The normals of a cloud may be on either side.
-        asked = {"group": group, "side_known": samples[i].rim != "unknown"}
+        asked = {"group": group, "side_known": _side_known(shapes, i)}
         wanted[i] = Wanted(
             key=PLACING.key(asked, *(end.key for end in ends.values())),
             label=shapes.label(model, i),
             arguments={**ends, **asked},
         )
     found = session.compute(PLACING, wanted, time_limit_s=session.run.pair_time_limit_s)
-    return {i: poses for i, poses in found.items() if len(poses)}
+    return coarse, {i: poses for i, poses in found.items() if len(poses)}
 
 
 def place_scan(
@@ -147,4 +197,4 @@ def place_scan(
 
 
 #: Places a scan on its model. The version changes whenever the same surfaces would give other poses.
-PLACING = Job(kind="evidence", version="on-model-1", run=place_scan, reader=LocalPoses)
+PLACING = Job(kind="evidence", version="on-model-2", run=place_scan, reader=LocalPoses)

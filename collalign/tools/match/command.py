@@ -19,6 +19,7 @@ from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.spectral_shape import prepare_surface
 from collalign.options import TwoShapeOptions
 from collalign.output.vertex_maps import at_vertices
+from collalign.products.shapes import free_rotation
 from collalign.products.trust import DOUBT
 from collalign.template_landmarks.on_surface import place_templates
 from collalign.template_landmarks.templates import read_templates, shape_of
@@ -255,8 +256,7 @@ def _match_partial(target: Path, source: Path, out: Path | None, options: TwoSha
     say("\n".join([words, *rows]))
     _say_rescaled(found, found.source)
     if found.free_axis is not None:
-        values = {"axis": " ".join(f"{value:.3g}" for value in found.free_axis[1])}
-        say(f"Note: {note_text(Note('free-rotation', (found.source,), values))}")
+        say(f"Note: {note_text(free_rotation(found.source, found.target, found.free_axis))}")
     if found.mirror_fits_better:
         note = Note("mirror-part-fits-better", (found.source,), {"chance": found.mirror_chance})
         say(f"Note: {note_text(note)}")

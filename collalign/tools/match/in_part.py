@@ -18,7 +18,7 @@ from collalign.confidence.overlap_model import (
 )
 from collalign.options import TwoShapeKeywords, TwoShapeOptions
 from collalign.products.trust import DOUBT
-from collalign.tools.match.on_whole import axis_of_freedom, both_scales, is_closed
+from collalign.tools.match.on_whole import both_scales, is_closed
 from data_tools.arrays import FloatArray
 from data_tools.checks import as_options
 from data_tools.embedding.surface_points import centre_and_radius, spread_points, surface_cells
@@ -32,7 +32,7 @@ from data_tools.partial_surface import MOST_POINTS
 from data_tools.poses import AGREE_DEG, Similarity, pose_angle_deg, scales_of
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
-from pairwise.features.on_whole import match_on_whole
+from pairwise.features.on_whole import free_axis, match_on_whole
 from pairwise.features.overlap import LocalPoses, match_overlapping
 from pairwise.partial_match import match_partial
 
@@ -276,7 +276,8 @@ def _poses_of_part(target: Shape, source: Shape, group: str) -> _Found:
     best = found.rotations[order[0]], found.shifts[order[0]]
     axis = None
     if np.linalg.det(best[0]) > 0:
-        axis = axis_of_freedom(*surfaces, *best, side_known=side_known)
+        ends = surfaces[0].coarse, surfaces[1].coarse
+        axis = free_axis(*ends, *best, side_known=side_known)
     if axis is not None and not is_source_part:
         axis = np.stack([best[0].T @ (axis[0] - best[1]), best[0].T @ axis[1]])
     return _Found(_listed(found if is_source_part else found.inverse(), chances), axis)

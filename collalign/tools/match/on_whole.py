@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from data_tools.arrays import FloatArray
 from data_tools.embedding.surface_points import centre_and_radius, surface_cells
 from data_tools.local_surface import PART_CELL
 from data_tools.surface.outliers import FEWEST_OF_SCAN, without_outliers
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import is_open_surface
-from pairwise.features.on_whole import MOST_LARGER, TwoScales, free_axis
+from pairwise.features.on_whole import MOST_LARGER, TwoScales
 
 
 def is_closed(shape: Shape) -> bool:
@@ -33,15 +32,3 @@ def both_scales(whole: Shape, part: Shape) -> tuple[TwoScales, TwoScales] | None
         if (coarse := surface_cells(shape, cell)) and (fine := surface_cells(shape, 0.5 * cell))
     ]
     return (both[0], both[1]) if len(both) == 2 else None
-
-
-def axis_of_freedom(
-    whole: TwoScales, part: TwoScales, rotation: FloatArray, shift: FloatArray, *, side_known: bool
-) -> FloatArray | None:
-    """Return the axis (2, 3) about which a part turns freely on a whole: a point and the direction; mostly None.
-
-    The part is at a pose of determinant 1, and the axis in coordinates of the whole.
-    """
-    sides = (part,) if side_known else (part, part.seen_from_behind())
-    axes = (free_axis(whole.coarse, side.coarse, rotation, shift) for side in sides)
-    return next((axis for axis in axes if axis is not None), None)

@@ -5,10 +5,13 @@ import pytest
 
 from collalign import AlignOptions, RunOptions, align_collection
 from collalign.stages.incomplete import on_model
+from data_tools.datasets.synthetic import range_view
 from data_tools.options import SamplingOptions
 from data_tools.poses import scales_of
+from data_tools.rotations import random_rotation
 from experiments.generated.part_scans import is_right, model_of, part_scans
 from tests.notes import codes
+from tests.shafts import stepped_shaft
 
 OPTIONS = AlignOptions(group="SO", sampling=SamplingOptions(num_points=24, num_dense_points=100))
 NUM = 5
@@ -91,10 +94,34 @@ def test_another_object_is_no_model(animal, aligned, monkeypatch):
     place = on_model.place_on_model
 
     def kept(*given):
-        placed.append(place(*given))
-        return placed[-1]
+        found = place(*given)
+        placed.append(found[0])
+        return found
 
     monkeypatch.setattr(on_model, "place_on_model", kept)
     collection = aligned((other.vertices, other.faces), [scan.points for scan in animal[1]])
     assert placed[0].confidence.max() < on_model.LEAST_PLACED
     assert 0 in [one.shape for one in collection.incomplete]
+
+
+def test_the_axis_of_a_shaft_is_named_and_its_turns_count_together(aligned):
+    rng, shaft = np.random.default_rng(3), stepped_shaft()
+    ways = ([1.0, 0.2, 0.4], [-0.3, 1.0, 0.4], [0.2, 0.8, -0.5])
+    turns = [random_rotation(rng) for _ in ways]
+    clouds = [
+        range_view(shaft, np.array(way), noise=0.002, rng=rng) @ turn.T
+        for way, turn in zip(ways, turns, strict=True)
+    ]
+    collection = aligned((shaft.vertices, shaft.faces), clouds)
+    free = [note for note in collection.notes if note.code == "free-rotation"]
+    assert {note.shapes for note in free} == {(f"scan{n}",) for n in range(len(ways))}
+    for note in free:
+        assert note.values["whole"] == "model"
+        assert abs(float(str(note.values["axis"]).split()[2])) > 0.99
+    assert (collection.confidence > 0.8).all()
+    axes = on_the_model(collection)[:, :3, :3] @ np.stack(turns) @ [0.0, 0.0, 1.0]
+    assert (axes[:, 2] > 0.99).all()
+
+
+def test_an_animal_does_not_turn_freely(by_default):
+    assert "free-rotation" not in codes(by_default.notes)

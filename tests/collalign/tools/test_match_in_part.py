@@ -11,6 +11,7 @@ from data_tools.errors import InputError
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
+from tests.shafts import stepped_shaft
 
 AS_FILED = SamplingOptions(normalisation="none")
 
@@ -69,26 +70,6 @@ def test_a_scan_in_another_unit_is_no_part_of_its_model(views):
     assert is_closed(whole)
     assert not is_closed(scan)
     assert not is_closed(Shape.from_arrays(whole.vertices, whole.faces[:-400]))
-
-
-def stepped_shaft():
-    """Return a closed surface of revolution about the third axis."""
-    heights, angles = np.meshgrid(np.linspace(0, 1, 40), np.linspace(0, 2 * np.pi, 49)[:-1])
-    radii = 0.15 + 0.1 * (heights > 0.6) + 0.05 * heights
-    rim = np.stack([radii * np.cos(angles), radii * np.sin(angles), heights], axis=2)
-    vertices, around = rim.reshape(-1, 3), len(angles)
-    first = (np.arange(around)[:, None] * 40 + np.arange(39)).ravel()
-    second = (first + 40) % len(vertices)
-    sides = [np.stack([first, second, second + 1], 1), np.stack([first, second + 1, first + 1], 1)]
-    ring = np.arange(around) * 40
-    bottom, top = len(vertices), len(vertices) + 1
-    after = np.roll(ring, -1)
-    caps = [
-        np.stack([np.full(around, bottom), after, ring], 1),
-        np.stack([np.full(around, top), ring + 39, after + 39], 1),
-    ]
-    vertices = np.concatenate([vertices, [[0, 0, 0], [0, 0, 1]]])
-    return Shape.from_arrays(vertices, np.concatenate(sides + caps), name="shaft")
 
 
 @pytest.mark.parametrize("is_target", [True, False])

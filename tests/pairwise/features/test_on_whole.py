@@ -75,3 +75,6 @@ def test_a_shaft_turns_freely_and_boards_do_not(plates):
     assert np.linalg.norm(off - (off @ direction) * direction) < 0.05
     whole, part = plates
     assert free_axis(whole.coarse, part.coarse, TURN, SHIFT) is None
+    behind = part.coarse.seen_from_behind()
+    for side in (part.coarse, behind):
+        assert free_axis(whole.coarse, side, TURN, SHIFT, side_known=False) is None
