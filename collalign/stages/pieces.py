@@ -10,8 +10,8 @@ import numpy as np
 from collalign.confidence.candidate_model import candidate_chances
 from collalign.options import AUTO, AlignSession
 from collalign.products.pair import Pair
-from collalign.products.shapes import Constraints, Shapes
-from collalign.stages.choose_pairs import choose_pairs, describe_shapes
+from collalign.products.shapes import Shapes
+from collalign.stages.choose_pairs import identity_hashes, normalised, random_partners
 from collalign.stages.match_pairs import pairs_that_match
 from collalign.stages.steps import with_decided_group
 from data_tools.arrays import BoolArray, IntArray
@@ -29,6 +29,8 @@ LEAST_TOLD = 0.01
 #: pairs of guitars and guns tell more by .5 to .9, those of pianos, mugs, hammers, cars, desks and seats less, or by
 #: up to .1; chosen on these.
 LEAST_GAIN = 0.3
+#: Random partners that each shape is matched with by either reading.
+NUM_ASKED = 4
 
 
 def pieces_that_match(
@@ -41,7 +43,7 @@ def pieces_that_match(
 
     Geodesics and spectra are of one surface, so that the largest piece poses most shapes best: the body of a guitar.
     The largest box of a chair says little. Where much of a shape is in other pieces, both readings of it are matched
-    with the other shapes, and that one is taken by which its pairs tell poses apart better.
+    with some other shapes, and that one is taken by which its pairs tell poses apart better.
 
     Parameters
     ----------
@@ -62,10 +64,10 @@ def pieces_that_match(
     every = [
         reading.some([reading.names.index(name) for name in both]) for reading in (shapes, whole)
     ]
-    by_largest, by_all = (_scores(session, reading, {*assembled}) for reading in every)
-    is_whole = consistent_readings(
-        np.array([name in assembled for name in both], dtype=np.bool_), by_largest, by_all
-    )
+    has_two = np.array([name in assembled for name in both], dtype=np.bool_)
+    asked = asked_pairs(every[0].keys, session.options.seed, has_two)
+    by_largest, by_all = (_scores(session, reading, asked) for reading in every)
+    is_whole = consistent_readings(has_two, by_largest, by_all)
     chosen = {*lost, *(name for name, by_pieces in zip(both, is_whole, strict=True) if by_pieces)}
     return dict.fromkeys(sorted(chosen), "all")
 
@@ -116,12 +118,24 @@ def consistent_readings(
     return is_whole
 
 
-def _scores(
-    session: AlignSession, shapes: Shapes, assembled: set[str]
-) -> dict[tuple[int, int], float]:
-    """Return how well each pair with an assembled shape tells poses apart, by the positions of the shapes."""
-    edges = choose_pairs(session, shapes, describe_shapes(shapes), Constraints())
-    asked: IntArray = edges[[bool({shapes.names[i] for i in edge} & assembled) for edge in edges]]
+def asked_pairs(keys: Sequence[str], seed: int, has_two: BoolArray) -> IntArray:
+    """Return the pairs that are matched by either reading: those of shapes of two with a few random ones, (E, 2).
+
+    Parameters
+    ----------
+    keys : sequence of str
+        Of the shapes' records: which pairs there are depends on them and on the seed alone.
+    seed : int
+    has_two : ndarray of bool, shape (N,)
+        The shapes of which there are two readings.
+    """
+    everyone = np.arange(len(keys))
+    named = normalised(random_partners(identity_hashes(keys, seed), everyone, everyone, NUM_ASKED))
+    return named[has_two[named].any(axis=1)]
+
+
+def _scores(session: AlignSession, shapes: Shapes, asked: IntArray) -> dict[tuple[int, int], float]:
+    """Return how well each of the pairs (E, 2) tells poses apart, by the positions of the shapes."""
     pairs = pairs_that_match(with_decided_group(session, session.options.group), shapes, asked)
     return {(pair.target, pair.source): tells_apart(pair) for pair in pairs}
 

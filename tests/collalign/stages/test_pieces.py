@@ -5,7 +5,13 @@ import itertools
 import numpy as np
 import pytest
 
-from collalign.stages.pieces import LEAST_GAIN, consistent_readings, tells_apart
+from collalign.stages.pieces import (
+    LEAST_GAIN,
+    NUM_ASKED,
+    asked_pairs,
+    consistent_readings,
+    tells_apart,
+)
 from tests.products import pair_of
 
 SAME, HALF_TURN = np.eye(3), np.diag([-1.0, -1.0, 1.0])
@@ -61,3 +67,16 @@ def test_a_pair_tells_little_where_poses_fit_alike_or_surfaces_mismatch():
     near = told([0.1, 0.1], [0.2, 0.2], (SAME, SAME))
     assert near == pytest.approx(one, abs=0.2), "candidates of one pose are one"
     assert 0.0 < told([0.1, 0.4], [np.nan, np.nan]) < told([0.1, 0.4], [0.0, 0.5])
+
+
+def test_each_shape_of_two_readings_is_matched_with_some_others_whatever_their_order():
+    keys, two = [f"key {i}" for i in range(30)], np.arange(30) % 3 > 0
+    pairs = asked_pairs(keys, 0, two)
+    counts = np.bincount(pairs.ravel(), minlength=30)
+    assert counts[two].min() >= NUM_ASKED
+    assert two[pairs].any(axis=1).all()
+    assert len(pairs) <= NUM_ASKED * 30
+    order = np.random.default_rng(0).permutation(30)
+    again = order[asked_pairs([keys[i] for i in order], 0, two[order])]
+    assert {*map(frozenset, again.tolist())} == {*map(frozenset, pairs.tolist())}
+    assert not len(asked_pairs(keys, 0, np.zeros(30, dtype=bool)))
