@@ -36,7 +36,7 @@ from collalign.stages.incomplete.on_model import align_on_model
 from collalign.stages.incomplete.parts import align_parts
 from collalign.stages.incomplete.scans import align_scans, match_badly, were_seen
 from collalign.stages.steps import Matched, Posed, Run, with_group
-from data_tools.arrays import read_only
+from data_tools.arrays import BoolArray, FloatArray, read_only
 from data_tools.errors import InputError
 from data_tools.poses import APART_DEG, pose_angle_deg
 
@@ -49,6 +49,9 @@ OTHER_READING = "other-reading"
 #: Shapes are posed as parts of each other as well where so many of them are open, and so many doubtful. Of 24 molars,
 #: all open, one is.
 MOSTLY_OPEN, SOME_DOUBTFUL = 0.5, 0.1
+#: The surer answer counts where at most so many shapes lie elsewhere in the other. No more than the second number is
+#: stated of a part that lies elsewhere as a whole.
+FEW_ELSEWHERE, CONTRADICTED = 0.25, 0.9
 #: Times that shapes are posed at most.
 MOST_POSINGS = 3
 #: A run, its shapes' pairs and their poses.
@@ -259,9 +262,10 @@ def _finished(run: Run, missing: Mapping[int, str], answer: Answer) -> Answer:
 
 
 def _surest(run: Run, answer: Answer) -> Answer:
-    """Return the surer of the answer and that of all as parts of each other, if most are open and some doubtful.
+    """Return the answer, or that of all shapes as parts of each other, if most are open and some doubtful.
 
-    Parts were right where they were sure; whole shapes, all of them cut, were not. So what contradicts these counts.
+    That in parts is taken if it is surer, or the two contradict each other: of shapes all of which were cut, whole
+    ones were right less often. What the other answer contradicts is less sure.
     """
     _, matched, posed = answer
     options = run.session.options
@@ -282,24 +286,35 @@ def _surest(run: Run, answer: Answer) -> Answer:
     parts = align_parts(with_group(run, matched.group), matched.pairs, posed.side_chances)
     if parts is None:
         return answer
-    if parts.solution.confidence.mean() > posed.solution.confidence.mean():
-        return run, matched, parts
-    return answer[0], matched, _contradicted(posed, parts)
+    return answer[0], matched, _surer(posed, parts)
 
 
-def _contradicted(posed: Posed, other: Posed) -> Posed:
-    """Return poses of which those are less sure that lie elsewhere in the other answer, in the frame of most."""
+def _surer(whole: Posed, parts: Posed) -> Posed:
+    """Return the poses of shapes as wholes, or as parts of each other, less sure where the others contradict them."""
+    whole_sure, part_sure = whole.solution.confidence, parts.solution.confidence
+    elsewhere = _lie_elsewhere(whole, parts)
+    if part_sure.mean() > whole_sure.mean() or elsewhere.mean() > FEW_ELSEWHERE:
+        return _less_sure(
+            parts, np.where(elsewhere, np.minimum(part_sure, CONTRADICTED), part_sure)
+        )
+    return _less_sure(whole, np.where(elsewhere, chance_against(whole_sure, part_sure), whole_sure))
+
+
+def _lie_elsewhere(posed: Posed, other: Posed) -> BoolArray:
+    """Return which shapes lie elsewhere in the other answer, in the frame of most, shape (N,)."""
     turns = posed.rotations @ np.swapaxes(other.rotations, 1, 2)
     agree = pose_angle_deg(turns[:, None], turns) <= APART_DEG
-    elsewhere = ~agree[np.argmax(agree @ posed.solution.confidence)]
-    confidence = posed.solution.confidence.copy()
-    limited_by = np.array(posed.limited_by or ("",) * len(confidence), dtype=object)
-    confidence[elsewhere] = chance_against(
-        confidence[elsewhere], other.solution.confidence[elsewhere]
-    )
-    limited_by[elsewhere] = OTHER_READING
+    return np.asarray(~agree[np.argmax(agree @ posed.solution.confidence)])
+
+
+def _less_sure(posed: Posed, most: FloatArray) -> Posed:
+    """Return poses of other confidences (N,); the other answer limits those that are less than before."""
+    is_less = most < posed.solution.confidence
+    before = posed.limited_by or ("",) * len(most)
     return replace(
         posed,
-        solution=replace(posed.solution, confidence=read_only(confidence)),
-        limited_by=tuple(limited_by.tolist()),
+        solution=replace(posed.solution, confidence=read_only(most)),
+        limited_by=tuple(
+            OTHER_READING if less else code for less, code in zip(is_less, before, strict=True)
+        ),
     )

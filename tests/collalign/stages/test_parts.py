@@ -9,7 +9,7 @@ from collalign import RunOptions, add_to_collection, align_collection
 from collalign.confidence.incomplete_model import chance_against
 from collalign.stages.incomplete.detect import LIKELIER
 from collalign.stages.incomplete.parts import PartPoses, _first_transforms
-from collalign.stages.posing import OTHER_READING, _contradicted
+from collalign.stages.posing import CONTRADICTED, OTHER_READING, _surer
 from collalign.stages.steps import Posed
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray
@@ -118,9 +118,19 @@ def test_two_answers_that_contradict_each_other_are_less_sure():
             side_chances={},
         )
 
-    stated = _contradicted(posed(rotations, 0.9), posed(other, 0.5))
+    stated = _surer(posed(rotations, 0.9), posed(other, 0.5))
     assert np.allclose(stated.solution.confidence, [0.9, 0.9, 0.9, 0.45 / 0.55])
     assert stated.limited_by == ("", "", "", OTHER_READING)
+    assert np.array_equal(stated.rotations, rotations)
+
+    stated = _surer(posed(rotations, 0.9), posed(other, 0.97))
+    assert np.allclose(stated.solution.confidence, [0.97, 0.97, 0.97, CONTRADICTED])
+    assert stated.limited_by == ("", "", "", OTHER_READING)
+    assert np.array_equal(stated.rotations, other)
+
+    other[2] = HALF_TURN
+    contradicting = _surer(posed(rotations, 0.9), posed(other, 0.5))
+    assert np.array_equal(contradicting.rotations, other), "where many are elsewhere, parts count"
 
 
 @pytest.mark.parametrize(
