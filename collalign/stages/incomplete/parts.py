@@ -106,7 +106,9 @@ def align_parts(
     session, shapes, num = run.session, run.shapes, len(run.shapes.names)
     with run.stage("incomplete shapes"):
         surfaces = prepare_points(session, shapes, range(num))
-        pairs = match_in_part(session, shapes, surfaces, itertools.combinations(range(num), 2))
+        pairs = match_pairs_in_part(
+            session, shapes, surfaces, itertools.combinations(range(num), 2)
+        )
         solution = synchronize_pairs(
             session.options, num, [_pair(ends, found) for ends, found in pairs.items()]
         )
@@ -118,7 +120,7 @@ def align_parts(
     return with_sides(posed, side_chances)
 
 
-def match_in_part(
+def match_pairs_in_part(
     session: AlignSession,
     shapes: Shapes,
     surfaces: Results[int, PartialSurface],

@@ -11,7 +11,7 @@ from collalign.confidence.kind_model import LEAST_FREE_SPLIT, kin_log_odds, part
 from collalign.options import MAX_ROUNDS, AlignSession
 from collalign.products.shapes import Shapes
 from collalign.stages.choose_pairs import normalised
-from collalign.stages.incomplete.parts import match_in_part
+from collalign.stages.incomplete.parts import match_pairs_in_part
 from collalign.stages.incomplete.posed_points import prepare_points
 from collalign.stages.incomplete.scans import were_seen
 from collalign.stages.kinds.grouping import (
@@ -217,7 +217,7 @@ def least_as_parts(
         return {}
     decided = with_decided_group(session, group)
     surfaces = prepare_points(decided, shapes, sorted({i for pair in mixed for i in pair}))
-    found = match_in_part(decided, shapes, surfaces, mixed)
+    found = match_pairs_in_part(decided, shapes, surfaces, mixed)
     return {pair: float(poses.energies.min()) for pair, poses in found.items()}
 
 
