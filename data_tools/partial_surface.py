@@ -90,11 +90,17 @@ class PartialSurface:
         )
 
     def moved(self, transform: FloatArray) -> PartialSurface:
-        """Return the surface after a similarity, shape (4, 4)."""
-        turned = self.normals @ transform[:3, :3].T / scales_of(transform)
-        return replace(
+        """Return the surface after a similarity, shape (4, 4). What takes long to compute moves with it."""
+        scale = float(scales_of(transform))
+        turned = self.normals @ transform[:3, :3].T / scale
+        moved = replace(
             self, points=read_only(moved_by(transform, self.points)), normals=read_only(turned)
         )
+        nearest, to_cells = self._grid
+        vars(moved).update(
+            gaps=scale * self.gaps, _grid=(nearest, to_cells @ np.linalg.inv(transform))
+        )
+        return moved
 
     @cached_property
     def centre(self) -> FloatArray:
@@ -107,8 +113,8 @@ class PartialSurface:
         return float(np.sqrt(((self.points - self.centre) ** 2).sum(axis=1).mean()))
 
     @cached_property
-    def _grid(self) -> tuple[NDArray[np.int32], FloatArray, float]:
-        """The point nearest to each cell (a, b, c), -1 where none is near; the corner of all; a cell's side."""
+    def _grid(self) -> tuple[NDArray[np.int32], FloatArray]:
+        """The point nearest to each cell (a, b, c), -1 where none is near; places to cells, (4, 4)."""
         reach = GRID_MARGIN * self.radius
         corner, top = self.points.min(axis=0) - reach, self.points.max(axis=0) + reach
         cell = float((top - corner).max() / GRID_CELLS)
@@ -120,12 +126,14 @@ class PartialSurface:
             corner + (places + 0.5) * cell, distance_upper_bound=reach + cell
         )[1]
         found = np.where(found < len(self.points), found, -1)
-        return found.astype(np.int32).reshape(sides), corner, cell
+        to_cells = np.diag([1.0, 1.0, 1.0, cell]) / cell
+        to_cells[:3, 3] = -corner / cell
+        return found.astype(np.int32).reshape(sides), to_cells
 
     def nearest(self, places: FloatArray) -> IntArray:
         """Return about the nearest point to each place (q, 3), its cell's centre's, -1 where none is in reach."""
-        grid, corner, cell = self._grid
-        cells = np.floor((places - corner) / cell).astype(np.int64)
+        grid, to_cells = self._grid
+        cells = np.floor(moved_by(to_cells, places)).astype(np.int64)
         inside = ((cells >= 0) & (cells < grid.shape)).all(axis=-1)
         cells[~inside] = 0
         found = grid[cells[..., 0], cells[..., 1], cells[..., 2]]

@@ -176,12 +176,13 @@ def pose_evidence(
     own points cost least. Others are lacking if what is nearest to them is no rim of the shape. A shape without any
     rim lacks nothing: a scanner or a segmentation may have closed its breaks.
     """
-    costs = np.stack([_logarithms(one.source_costs) for one in found], axis=1)
-    own = -np.log(np.exp(-costs).mean(axis=1)).mean(axis=1)
+    likelihoods = sum(1.0 / _bounded(one.source_costs) for one in found) / len(found)
+    own = -np.log(likelihoods).mean(axis=1)
     usual = _usual_costs(targets, max(one.target_costs.shape[1] for one in found))
     shared = [one.target_costs < TUNED.counterpart**2 for one in found]
     excess = [
-        _logarithms(one.target_costs) - expected for one, expected in zip(found, usual, strict=True)
+        np.log(_bounded(one.target_costs)) - expected
+        for one, expected in zip(found, usual, strict=True)
     ]
     best = int(own.argmin())
     everywhere = np.concatenate(
@@ -194,8 +195,11 @@ def pose_evidence(
         clipped = np.clip(one - roughness, *EXCESS_RANGE)
         others += np.where(has, clipped, 0.0).mean(axis=1) / len(targets)
         if source.on_rim.any():
-            nearest = tree.query(poses.undo(target.points[: has.shape[1]]))[1]
-            lacking += (~has & ~source.on_rim[nearest]).mean(axis=1) / len(targets)
+            lacks = ~has
+            lacks[lacks] = ~source.on_rim[
+                tree.query(poses.undo(target.points[: has.shape[1]])[lacks])[1]
+            ]
+            lacking += lacks.mean(axis=1) / len(targets)
     return np.stack([own, others, lacking])
 
 
@@ -222,12 +226,12 @@ def _usual_costs(targets: Sequence[PartialSurface], num_points: int) -> list[Flo
         if len(targets) > 1
         else [[np.full(len(targets[0].points[:num_points]), TUNED.resolution**2)]]
     )
-    return [np.median(_logarithms(np.array(one)), axis=0) for one in costs]
+    return [np.median(np.log(_bounded(np.array(one))), axis=0) for one in costs]
 
 
-def _logarithms(costs: FloatArray) -> FloatArray:
-    """Return logarithms of costs, none of which is more than absent or less than noise."""
-    return np.asarray(np.log(np.minimum(costs, TUNED.cutoff**2) + TUNED.resolution**2))
+def _bounded(costs: FloatArray) -> FloatArray:
+    """Return costs, none of which is more than absent or less than noise."""
+    return np.asarray(np.minimum(costs, TUNED.cutoff**2) + TUNED.resolution**2)
 
 
 def pose_chance(record: Record) -> float:
