@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Self, TypeVar, overload
+from typing import Annotated, Any, Self, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,11 @@ from data_tools.options import AS_STORED, CleaningOptions
 from data_tools.poses import each_moved_by, scales_of
 from data_tools.surface.shape import Shape
 
-T = TypeVar("T")
+#: Fields of a result with an entry for each shape, in order.
+PER_SHAPE = (
+    *("names", "files", "digests", "transforms", "confidence", "samples", "positions"),
+    *("landmarks", "alternatives", "part_numbers", "vertices", "faces", "places"),
+)
 #: The folder of a result in which the aligned shapes lie.
 MESH_FOLDER = "meshes"
 
@@ -343,27 +347,21 @@ class CollectionData:
         """Return the collection as if there were only some of its shapes, given by position (n,), ascending."""
         position = {shape: at for at, shape in enumerate(chosen.tolist())}
 
-        def of(values: tuple[T, ...]) -> tuple[T, ...]:
+        def of(values: Any) -> Any:
+            if isinstance(values, np.ndarray):
+                return values[chosen]
             return tuple(values[at] for at in position) if values else ()
 
+        names = of(self.names)
         return replace(
             self,
-            names=of(self.names),
-            files=of(self.files),
-            digests=of(self.digests),
-            transforms=self.transforms[chosen],
-            confidence=self.confidence[chosen],
-            samples=self.samples[chosen],
-            positions=self.positions[chosen],
-            maps=ConsistentMaps(names=of(self.names), labels=self.maps.labels[chosen]),
-            landmarks=self.landmarks[chosen],
+            **{name: of(getattr(self, name)) for name in PER_SHAPE},
+            maps=ConsistentMaps(names=names, labels=self.maps.labels[chosen]),
             pairs=[
                 replace(pair, target=position[pair.target], source=position[pair.source])
                 for pair in self.pairs
                 if {pair.target, pair.source} <= position.keys()
             ],
-            alternatives=of(self.alternatives),
-            part_numbers=self.part_numbers[chosen],
             kinds=tuple(
                 kind.among(position) for kind in self.kinds if {*kind.shapes.tolist()} & {*position}
             ),
@@ -375,14 +373,9 @@ class CollectionData:
                 for one in self.extra
                 if one.shape in position
             ),
-            assembled=tuple(name for name in self.assembled if name in of(self.names)),
-            limited_by={
-                name: code for name, code in self.limited_by.items() if name in of(self.names)
-            },
+            assembled=tuple(name for name in self.assembled if name in names),
+            limited_by={name: code for name, code in self.limited_by.items() if name in names},
             labels={column: of(values) for column, values in self.labels.items()},
-            vertices=of(self.vertices),
-            faces=of(self.faces),
-            places=of(self.places),
         )
 
     @property

@@ -193,15 +193,9 @@ class Shapes:
 
     def some(self, chosen: Sequence[int]) -> Shapes:
         """Return some of the shapes, by position."""
+        of_shapes = ("names", "files", "digests", "keys", "samples", "cleaning", "chirality")
         return replace(
-            self,
-            names=tuple(self.names[i] for i in chosen),
-            files=tuple(self.files[i] for i in chosen),
-            digests=tuple(self.digests[i] for i in chosen),
-            keys=tuple(self.keys[i] for i in chosen),
-            samples=tuple(self.samples[i] for i in chosen),
-            cleaning=tuple(self.cleaning[i] for i in chosen),
-            chirality=tuple(self.chirality[i] for i in chosen),
+            self, **{name: tuple(getattr(self, name)[i] for i in chosen) for name in of_shapes}
         )
 
     @property
