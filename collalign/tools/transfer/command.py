@@ -33,7 +33,7 @@ from collalign.template_landmarks.templates import (
     shape_of,
     specimen_among,
 )
-from collalign.tools.export.run import FORMATS, Space, export_notes, usual_space
+from collalign.tools.export.run import FORMATS, Space, notes_of_export, usual_space
 from collalign.tools.export.run import export as write_export
 from collalign.tools.transfer.disagreement import (
     agreement_figure,
@@ -337,10 +337,8 @@ def transfer(
         system=found.system,
         include_doubtful=written.include_doubtful,
     )
-    for note in export_notes(
-        marked, written.format, space, include_doubtful=written.include_doubtful
-    ):
-        warn(note_text(note))
+    for line in notes_of_export(written.to, written.format):
+        warn(line)
     tables = write_transfer(
         collection,
         found,

@@ -12,7 +12,7 @@ import trimesh
 
 from collalign.analysis.procrustes import centroid_sizes
 from collalign.products.shapes import Incomplete
-from collalign.tools.export.run import FORMATS, export, export_notes
+from collalign.tools.export.run import FORMATS, export, notes_of_export
 from collalign.wording import note_text
 from data_tools.errors import InputError, OptionsError
 from data_tools.landmark_files import read_landmarks
@@ -373,8 +373,9 @@ def test_who_is_excluded_is_written_nowhere_and_listed(view, tmp_path):
             f"{out},excluded by name"
             in (tmp_path / format / "left_out.csv").read_text().splitlines()
         )
-    assert any(out in note.shapes for note in export_notes(view, "tps", "raw", exclude=[out]))
-    assert not any(out in note.shapes for note in export_notes(view, "tps", "raw"))
+    assert any(out in line for line in notes_of_export(tmp_path / "tps", "tps"))
+    export(view, "tps", tmp_path / "all", space="raw")
+    assert not any(out in line for line in notes_of_export(tmp_path / "all", "tps"))
     with pytest.raises(InputError, match="nobody"):
         export(view, "tps", tmp_path, exclude=["nobody"])
 
@@ -390,9 +391,9 @@ def test_only_the_surest_shapes_are_written_and_the_others_are_listed(view, tmp_
         assert {*left_out.values()} == {"less sure than the share of right poses asks for"}
     meshes = export(view, "ply", tmp_path / "ply", right=0.996)
     assert sorted(path.stem for path in meshes) == sorted([*kept, "left_out"])
-    said = {note.code: note for note in export_notes(view, "ply", "aligned", right=0.996)}
-    assert said["selected"].values["kept"] == 3
-    assert "selected" not in {note.code for note in export_notes(view, "ply", "aligned")}
+    (said,) = (line for line in notes_of_export(tmp_path / "ply", "ply") if "3 of 6" in line)
+    export(view, "ply", tmp_path / "every")
+    assert said not in notes_of_export(tmp_path / "every", "ply")
     export(view, "ply", tmp_path / "more", right=0.8)
     left_out = {row["name"] for row in rows(tmp_path / "more" / "left_out.csv")}
     written = {path.stem for path in (tmp_path / "more").glob("*.ply")}
