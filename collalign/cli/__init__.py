@@ -8,7 +8,7 @@ workers were lost, 5 (of ``status``) not finished, 129, 130 and 143 interrupted 
 * ``batch_command``, ``status``: many folders; how far a run is
 * ``check``, ``config``: reads files only; reads options
 * ``own_file``: what the caller knows, from files
-* ``open_command``, ``open_server``: shows a result and runs commands on its files; who is let in
+* ``open_workspace``, ``open_command``: what is shown of a result, and the commands run on its files; who is let in
 
 The commands of tools are listed in ``collalign/tools/__init__.py``. Only the command line prints and exits.
 """
