@@ -44,7 +44,7 @@ def export(
         Write only the surest shapes, as many as let expect this share of right poses: 0.99, for instance. The others
         are in left_out.csv.
     include_doubtful
-        Let shapes count in means, distances and superimpositions whose pose is in doubt, and incomplete ones.
+        Superimpose shapes whose pose is in doubt, and incomplete ones, too.
     """
     paths = write_export(
         result,

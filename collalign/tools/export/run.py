@@ -105,14 +105,12 @@ def export(
     right : float, optional
         Only the shapes are written that :meth:`~collalign.Collection.select` keeps for this share of right poses.
     include_doubtful : bool
-        Let shapes whose pose is in doubt, and incomplete ones, count in what is computed of several shapes: tables of
-        means, distances and components, and all that is superimposed. They are left out of these otherwise.
+        Superimpose shapes whose pose is in doubt, and incomplete ones, too.
 
     Returns
     -------
     tuple of Path
-        The files written; ``left_out.csv`` is among them where shapes were left out or anything was computed of
-        several.
+        The files written; ``left_out.csv`` is among them where shapes were left out or superimposed.
         Beside them ``notes-FORMAT.txt`` says what a reader must know of the coordinates and of the alignment, and
         ``run-export-FORMAT.json`` is the record of command, version, date and options.
 
@@ -136,10 +134,9 @@ def export(
         include_doubtful=include_doubtful,
         include_incomplete=include_doubtful,
     )
-    # Whether anything in the files depends on more than one shape, or shapes are lacking in them.
-    is_computed = space == "procrustes" or format == "csv"
-    is_chosen = is_computed or bool(exclude) or right is not None
-    if space == "procrustes" and who.too_few(1):
+    is_superimposed = space == "procrustes"
+    is_chosen = is_superimposed or bool(exclude) or right is not None
+    if is_superimposed and who.too_few(1):
         raise InputError(f"space: {who.too_few(1)}")
     folder = Path(to)
     omitted = {"excluded"} if right is None else {"excluded", LESS_SURE, "alone"}
@@ -159,14 +156,14 @@ def export(
                 folder=output.staging,
                 who=who,
                 space=space,
-                semilandmarks=semilandmarks if space != "procrustes" else (),
+                semilandmarks=() if is_superimposed else semilandmarks,
             )
-            if space == "procrustes":
+            if is_superimposed:
                 request = request.counted
             staged = FORMATS[format](request)
             if is_chosen:
                 of_files = [one for one in who.left_out if one[0] in absent]
-                listed = who if is_computed else replace(who, left_out=tuple(of_files))
+                listed = who if is_superimposed else replace(who, left_out=tuple(of_files))
                 output.stage(LEFT_OUT_FILE).write_bytes(listed.table)
                 staged = (*staged, output.staging / LEFT_OUT_FILE)
             of_format = _format_notes(collection, format, space)
