@@ -211,8 +211,7 @@ class Collection(CollectionData):
         Display meshes in file coordinates, (v, 3) and (f, 3); none before the result is saved.
     places : tuple of ndarray of uint8
         Where all vertices have maps, a colour of each vertex of the display meshes by its place on the reference,
-        alike where vertices correspond, and how sure that is (v, 4), in older results without it (v, 3); empty for a
-        shape without maps.
+        alike where vertices correspond, and how sure that is (v, 4); empty for a shape without maps.
     folder : Path or None
         Where the result was loaded from.
     fresh : Made or None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated
 
@@ -84,9 +84,9 @@ class VertexMaps:
         the reference's file: a point of its surface, NaN where there is none.
     confidence : ndarray, shape (M,)
         Probability that a shape's vertices belong less than .1 sqrt(area) from their places in the mean, see
-        :mod:`collalign.confidence.map_model`; a map of two shapes is right where both are. Empty in older results.
+        :mod:`collalign.confidence.map_model`; a map of two shapes is right where both are.
     vertex_confidence : tuple of ndarray, each (v_i,)
-        Probability that the place of each vertex is within that; NaN where there is none. Empty in older results.
+        Probability that the place of each vertex is within that; NaN where there is none.
     left_out : tuple of (str, str)
         Names of the other shapes, and why they have none.
     """
@@ -94,10 +94,8 @@ class VertexMaps:
     names: tuple[str, ...]
     reference: str
     places: tuple[Annotated[FloatArray, Holds(shape="_ 3", nan=True)], ...]
-    confidence: Annotated[FloatArray, Holds(shape="_", nan=True)] = field(
-        default_factory=lambda: np.empty(0)
-    )
-    vertex_confidence: tuple[Annotated[FloatArray, Holds(shape="_", nan=True)], ...] = ()
+    confidence: Annotated[FloatArray, Holds(shape="_", nan=True)]
+    vertex_confidence: tuple[Annotated[FloatArray, Holds(shape="_", nan=True)], ...]
     left_out: tuple[tuple[str, str], ...] = ()
 
     def __getitem__(self, pair: tuple[str, str]) -> IntArray:

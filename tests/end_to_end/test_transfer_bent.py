@@ -59,7 +59,13 @@ def exact_maps(planted, *, names=NAMES):
         wrong = rng.random(len(own)) < 0.05
         own[wrong] = rng.permutation(own)[wrong]
         on_reference.append(own)
-    return VertexMaps(names=names, reference=NAMES[0], places=tuple(on_reference))
+    return VertexMaps(
+        names=names,
+        reference=NAMES[0],
+        places=tuple(on_reference),
+        confidence=np.ones(len(names)),
+        vertex_confidence=tuple(np.ones(len(own)) for own in on_reference),
+    )
 
 
 def with_maps(result, maps, to):
