@@ -23,7 +23,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-from cyclopts import App, CycloptsError, Parameter, UnknownCommandError
+from cyclopts import App, CycloptsError, Parameter
 
 from collalign import __version__
 from collalign.cli.config import ConfigFile, refuse_rounding
@@ -71,14 +71,6 @@ _COMMANDS = {
     ),
     "status": ("collalign.cli.status:status", "Say how far a run is, or make its store smaller."),
     **{name: (f"collalign.tools.{function}", line) for name, (function, line) in TOOLS.items()},
-}
-#: What to write instead of words that name no command, but look like one.
-_INSTEAD = {
-    "cite": "collalign status OUT --cite",
-    "classify": "collalign variation OUT --labels FILE --classify COLUMN",
-    "prune": "collalign status OUT --prune",
-    "select": "collalign export OUT --format FORMAT --to FOLDER --right 0.99",
-    "verify": "collalign certify OUT --verify",
 }
 for _name, (_function, _help) in _COMMANDS.items():
     app.command(_function, name=_name, help=_help, help_format="markdown")
@@ -146,13 +138,6 @@ def _run(words: list[str]) -> int:
     try:
         add_to_summary(command=next((word for word in words if word in _COMMANDS), ""))
         return end(int(app.meta(words, exit_on_error=False) or 0))
-    except UnknownCommandError as error:
-        instead = next((_INSTEAD[word] for word in words if word in _INSTEAD), None)
-        return (
-            end(2, str(error))
-            if instead is None
-            else _say(f"there is no such command; write: {instead}", 2)
-        )
     except CycloptsError as error:
         return end(2, str(error))
     except KeyboardInterrupt as interrupt:
