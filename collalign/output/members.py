@@ -13,7 +13,6 @@ from collalign.wording import note_text, reason_text
 from data_tools.arrays import IntArray
 from data_tools.checks import check_number
 from data_tools.embedding.copies import Copies
-from data_tools.io.text_tables import csv_text
 from data_tools.names import known_names
 from data_tools.notes import Note
 
@@ -59,10 +58,9 @@ class Members:
         return [note for note in notes if note.code != "doubtful" or not {*note.shapes} <= names]
 
     @property
-    def table(self) -> bytes:
-        """The same as CSV."""
-        rows = [[name, reason_text(reason)] for name, reason in self.left_out]
-        return csv_text([["name", "reason"], *rows]).encode("utf-8", "backslashreplace")
+    def table(self) -> list[list[str]]:
+        """The same as a table with its heading."""
+        return [["name", "reason"], *([name, reason_text(why)] for name, why in self.left_out)]
 
     def too_few(self, least: int) -> str:
         """Return why nothing can be computed of fewer than so many; empty where there are enough."""

@@ -27,7 +27,6 @@ from collalign.tools.certify.result import CertifiedCollection, JointBound, shar
 from collalign.tools.certify.run import certify_collection
 from collalign.wording import note_records, note_text
 from data_tools.errors import InputError, OptionsError
-from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.source import inputs_of
 from data_tools.notes import Note
@@ -48,7 +47,7 @@ def write_certification(certified: CertifiedCollection, output: OutputFolder) ->
         If somebody else's file is in the way; nothing has been written then.
     """
     record, joint = json_types(certification_record(certified)), certified.joint
-    write_atomic(output.stage(JSON_FILE), json.dumps(record, indent=1).encode())
+    output.stage_text(json.dumps(record, indent=1), JSON_FILE)
     np.savez_compressed(
         output.stage(PROOF_FILE),
         members=certified.members,

@@ -27,7 +27,7 @@ from collalign.tools.export.tables import write_csv, write_parquet
 from collalign.wording import note_text
 from data_tools.checks import check_choice
 from data_tools.errors import InputError
-from data_tools.io.files import read_text, system_reason, write_atomic
+from data_tools.io.files import read_text, system_reason
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import CoordinateSystem
 from data_tools.landmark_files import SemilandmarkRows
@@ -153,7 +153,7 @@ def export(
                 collection=collection.some(np.array(written, dtype=np.int64))
                 if absent
                 else collection,
-                folder=output.staging,
+                output=output,
                 who=who,
                 space=space,
                 semilandmarks=() if is_superimposed else semilandmarks,
@@ -164,16 +164,13 @@ def export(
             if is_chosen:
                 of_files = [one for one in who.left_out if one[0] in absent]
                 listed = who if is_superimposed else replace(who, left_out=tuple(of_files))
-                output.stage(LEFT_OUT_FILE).write_bytes(listed.table)
-                staged = (*staged, output.staging / LEFT_OUT_FILE)
+                staged = (*staged, output.stage_table(listed.table, LEFT_OUT_FILE))
             of_format = _format_notes(collection, format, space)
             if right is not None:
                 of_format.append(collection.select(right=right).note)
             said = _chosen_notes(collection, who) if is_chosen else collection.notes
             notes = "".join(f"{note_text(note)}\n" for note in (*of_format, *said))
-            write_atomic(
-                output.stage(_notes_file(format)), notes.encode("utf-8", "backslashreplace")
-            )
+            output.stage_text(notes, _notes_file(format))
             decided = {
                 "result": result_place(collection, folder),
                 "space": space,

@@ -33,9 +33,7 @@ from collalign.tools.variation.shape_model import (
 from collalign.tools.variation.surface_variation import NUM_COMPONENTS, SurfaceVariation
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
-from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder
-from data_tools.io.text_tables import csv_text
 from data_tools.notes import Note, listed
 from data_tools.surface.outliers import odd_ratios
 
@@ -50,9 +48,11 @@ def write_tables(
 ) -> None:
     """Write scores with centroid sizes, and ``statistics/``."""
     sizes = {"centroid_size_surface": variation.centroid_sizes}
-    _csv(output, [SCORES_FILE], score_rows(variation.names, columns, variation.components, sizes))
+    output.stage_table(
+        score_rows(variation.names, columns, variation.components, sizes), SCORES_FILE
+    )
     for name, rows in tests.items():
-        _csv(output, ["statistics", f"{name}.csv"], rows)
+        output.stage_table(rows, "statistics", f"{name}.csv")
 
 
 def write_symmetry_tables(
@@ -62,9 +62,9 @@ def write_symmetry_tables(
     numbers = {"asymmetry": symmetry.asymmetry, "fluctuating": symmetry.fluctuating}
     symmetric = score_rows(names, columns, principal_components(symmetry.symmetric), {})
     asymmetric = score_rows(names, columns, principal_components(symmetry.asymmetric), numbers)
-    _csv(output, [SYMMETRY_FOLDER, "symmetric.csv"], symmetric)
-    _csv(output, [SYMMETRY_FOLDER, "asymmetric.csv"], asymmetric)
-    _csv(output, [SYMMETRY_FOLDER, "procrustes_anova.csv"], symmetry_rows(symmetry.anova))
+    output.stage_table(symmetric, SYMMETRY_FOLDER, "symmetric.csv")
+    output.stage_table(asymmetric, SYMMETRY_FOLDER, "asymmetric.csv")
+    output.stage_table(symmetry_rows(symmetry.anova), SYMMETRY_FOLDER, "procrustes_anova.csv")
 
 
 def score_rows(
@@ -111,10 +111,6 @@ def symmetry_rows(anova: Sequence[AnovaRow]) -> Rows:
     heading: list[object] = ["effect", "Df", "Df_coordinates", *ANOVA_HEADING[2:]]
     rows = zip(anova, anova_rows(anova), strict=True)
     return [heading, *([one.effect, one.plain_df, *row[1:]] for one, row in rows)]
-
-
-def _csv(output: OutputFolder, path: Sequence[str], rows: Rows) -> None:
-    write_atomic(output.stage(*path), csv_text(rows).encode())
 
 
 _ANOVA_TABLE: list[object] = ["model", "sums_of_squares", "shapes", *ANOVA_HEADING]
