@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 from cyclopts import Parameter
 
-from collalign.console.help import Flag
+from collalign.console.help import Flag, Run
 from collalign.console.interruption import resumable
 from collalign.console.messages import add_to_summary, say, say_files
 from collalign.engine.command_line import json_types
@@ -174,7 +174,7 @@ def certify(
     shapes: Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative=())] = (),
     budget_s: float | None = None,
     verify: Flag = False,
-    run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
+    run: Run = RunOptions(),  # noqa: B008
 ) -> int:
     """Prove how much cheaper any other consistent arrangement of a result's shapes could be at most.
 

@@ -10,6 +10,7 @@ from typing import Annotated
 import numpy as np
 from cyclopts import Parameter
 
+from collalign.console.help import Run
 from collalign.console.interruption import resumable
 from collalign.console.messages import say, say_files
 from collalign.engine.run_options import RunOptions
@@ -186,7 +187,7 @@ def stability(
     result: Path,
     *,
     options: Annotated[StabilityOptions, Parameter(name="*")] = StabilityOptions(),  # noqa: B008
-    run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
+    run: Run = RunOptions(),  # noqa: B008
 ) -> int:
     """Repeat an alignment with other points, seeds and fewer shapes, and say which poses stay.
 

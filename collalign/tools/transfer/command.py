@@ -14,7 +14,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from collalign.confidence.radius_model import COVERAGE
-from collalign.console.help import Flag
+from collalign.console.help import Flag, Run
 from collalign.console.interruption import INCOMPLETE, resumable
 from collalign.console.messages import add_to_summary, say, say_files, warn
 from collalign.engine.command_line import json_types
@@ -286,7 +286,7 @@ def transfer(
         SemilandmarkRequest, Parameter(name="*", consume_multiple=True, negative=())
     ] = SemilandmarkRequest(),  # noqa: B008
     sources: Path | None = None,
-    run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
+    run: Run = RunOptions(),  # noqa: B008
 ) -> int:
     """Carry landmarks from the specimens that have them to all others.
 
