@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,10 +18,11 @@ from collalign.options import AlignOptions
 from collalign.output.collection import Collection
 from collalign.stages.choose_pairs import planned_edges
 from collalign.stages.forecast import RunEstimate, forecast, try_shapes
-from collalign.stages.kinds.plan import BY_FOLDER, kinds_of
+from collalign.stages.kinds.plan import kinds_of
 from collalign.stages.match_pairs import pair_key
 from collalign.stages.shape_stage import wanted_shapes
-from data_tools.checks import as_options
+from data_tools.arrays import frozen
+from data_tools.checks import as_options, check_kinds
 from data_tools.errors import CollalignError, InputError, OptionsError
 from data_tools.io.files import read_toml, resolved
 from data_tools.io.listing import FolderListing
@@ -47,14 +47,17 @@ class BatchJob:
 
     folders: tuple[Path, ...]
     out: Path
-    recursive: bool
-    parts: bool
-    include: tuple[str, ...]
-    kinds_by: Literal["", "folder"]
-    options: AlignOptions
+    recursive: bool = False
+    parts: bool = False
+    include: tuple[str, ...] = ()
+    kinds_by: Literal["", "folder"] = ""
+    options: AlignOptions = field(default_factory=AlignOptions)
+
+    def __post_init__(self) -> None:
+        check_kinds(self)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class BatchResult:
     """What became of one folder of a batch.
 
@@ -88,37 +91,22 @@ def read_batch(path: str | Path) -> tuple[BatchJob, ...]:
         If an option is unknown or impossible.
     """
     path = Path(path)
-    try:
-        content = read_toml(path)
-    except InputError:
-        # A number beside the tables is refused by TOML itself.
-        text = path.read_bytes() if path.is_file() else b""
-        if number := re.search(rb"^jobs\s*=\s*(-?\d+)", text, re.MULTILINE):
-            raise _processes_asked(path, int(number[1])) from None
-        raise
+    content = read_toml(path)
     unknown = sorted(content.keys() - {"options", "jobs"})
     if unknown:
         raise InputError(f"{path}: unknown entry {unknown[0]!r}; expected [options] and [[jobs]]")
     entries = content.get("jobs")
-    if isinstance(entries, int):
-        raise _processes_asked(path, entries)
     if not isinstance(entries, list) or not entries:
-        raise InputError(f"{path}: no [[jobs]], nothing to do")
-    shared = content.get("options", {})
-    if not isinstance(shared, dict):
-        raise InputError(f"{path}: [options] must be a table")
+        raise InputError(
+            f"{path}: no [[jobs]], nothing to do. Each folder is such a table; how many processes work is an option "
+            "of the command (--jobs)"
+        )
+    shared = {"options": content.get("options", {})}
     jobs = tuple(_job(path, number, entry, shared) for number, entry in enumerate(entries, 1))
     outs = [resolved(job.out) for job in jobs]
     if len(set(outs)) < len(outs):
         raise InputError(f"{path}: two jobs write to the same folder")
     return jobs
-
-
-def _processes_asked(path: Path, number: int) -> InputError:
-    return InputError(
-        f"{path}: jobs = {number} is no list of folders. For so many processes use `collalign batch {path.name} "
-        f"--jobs {number}` (in Python run={{'jobs': {number}}}); each folder is a table [[jobs]]"
-    )
 
 
 @one_blas_thread()
@@ -240,51 +228,25 @@ def _workload(
 
 def _job(path: Path, number: int, entry: Any, shared: Mapping[str, Any]) -> BatchJob:
     name = f"{path}: job {number}"
-    known = {"folder", "out", "recursive", "parts", "include", "kinds_by", "options"}
-    if not isinstance(entry, dict) or not {"folder", "out"} <= entry.keys() <= known:
-        raise InputError(
-            f"{name}: expected 'folder', 'out' and perhaps 'recursive', 'parts', 'include', 'kinds_by' "
-            "and 'options'"
-        )
-    places = entry["folder"] if isinstance(entry["folder"], list) else [entry["folder"]]
-    if not places or not all(isinstance(place, str) for place in (*places, entry["out"])):
+    if not isinstance(entry, dict) or not {"folder", "out"} <= entry.keys():
+        raise InputError(f"{name}: expected a table with 'folder' and 'out'")
+    given = _merged(shared, entry)
+    places, out, include = given.pop("folder"), given.pop("out"), given.get("include", [])
+    places = places if isinstance(places, list) else [places]
+    if not places or not all(isinstance(one, str) for one in (*places, out, *include)):
         raise InputError(
             f"{name}: 'folder' and 'out' must be paths in quotes, 'folder' perhaps a list"
         )
-    how = {key: entry.get(key, False) for key in ("recursive", "parts")}
-    if not all(isinstance(value, bool) for value in how.values()):
-        raise InputError(f"{name}: 'recursive' and 'parts' must be true or false")
-    include = entry.get("include", [])
-    if not isinstance(include, list) or not all(isinstance(one, str) for one in include):
+    if not isinstance(include, list):
         raise InputError(f"{name}: 'include' must be a list of patterns in quotes")
-    kinds_by = entry.get("kinds_by", "")
-    if kinds_by not in ("", BY_FOLDER):
-        raise InputError(f"{name}: 'kinds_by' must be {BY_FOLDER!r}, got {kinds_by!r}")
-    special = entry.get("options", {})
-    if not isinstance(special, dict):
-        raise InputError(f"{name}: [jobs.options] must be a table")
-    merged = _merged(shared, special)
-    if "jobs" in merged:
-        raise OptionsError(
-            f"{name}: the number of processes decides no result and is no option of a job; use `collalign batch "
-            f"{path.name} --jobs {merged['jobs']}`"
-        )
-    try:
-        options = as_options("options", merged, AlignOptions)
-    except OptionsError as error:
-        raise OptionsError(f"{name}: {error}") from None
-    folders = tuple(
+    folders = [
         Path(f"@{path.parent / place[1:]}") if place.startswith("@") else path.parent / place
         for place in places
-    )
-    return BatchJob(
-        folders=folders,
-        out=path.parent / entry["out"],
-        include=tuple(include),
-        kinds_by=kinds_by,
-        options=options,
-        **how,
-    )
+    ]
+    try:
+        return as_options("job", {**given, "folders": folders, "out": path.parent / out}, BatchJob)
+    except OptionsError as error:
+        raise OptionsError(f"{name}: {error}") from None
 
 
 def _merged(general: Mapping[str, Any], special: Mapping[str, Any]) -> dict[str, Any]:

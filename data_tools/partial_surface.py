@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Annotated
 
@@ -18,6 +18,7 @@ from data_tools.arrays import (
     IntArray,
     as_floats,
     as_points,
+    frozen,
     read_only,
 )
 from data_tools.errors import InputError
@@ -32,7 +33,7 @@ GRID_CELLS, GRID_MARGIN = 40, 0.35
 MOST_POINTS = 1000
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class PartialSurface:
     """Points of a surface of which parts may be missing; build it with :meth:`from_user`.
 

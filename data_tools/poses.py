@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.arrays import BoolArray, FloatArray, IntArray, frozen
 from data_tools.rotations import nearest_orthogonal, rotation_angle_deg
 
 #: Rotations nearer than this lead local search to one minimum: they are one candidate.
@@ -19,7 +18,7 @@ AGREE_DEG = 20.0
 APART_DEG = 29.99
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class Similarity:
     """x -> scale * rotation x + shift; one pose, or several along a first axis.
 

@@ -8,7 +8,7 @@ workers were lost, 5 (of ``status``) not finished, 129, 130 and 143 interrupted 
 * ``batch_command``, ``status``: many folders; how far a run is
 * ``check``, ``config``: reads files only; reads options
 * ``own_file``: what the caller knows, from files
-* ``open_command``, ``open_server``: shows a result and runs commands on its files; who is let in
+* ``open_workspace``, ``open_command``: what is shown of a result, and the commands run on its files; who is let in
 
 The commands of tools are listed in ``collalign/tools/__init__.py``. Only the command line prints and exits.
 """
@@ -23,7 +23,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-from cyclopts import App, CycloptsError, Parameter, UnknownCommandError
+from cyclopts import App, CycloptsError, Parameter
 
 from collalign import __version__
 from collalign.cli.config import ConfigFile, refuse_rounding
@@ -71,14 +71,6 @@ _COMMANDS = {
     ),
     "status": ("collalign.cli.status:status", "Say how far a run is, or make its store smaller."),
     **{name: (f"collalign.tools.{function}", line) for name, (function, line) in TOOLS.items()},
-}
-#: What to write instead of words that name no command, but look like one.
-_INSTEAD = {
-    "cite": "collalign status OUT --cite",
-    "classify": "collalign variation OUT --labels FILE --classify COLUMN",
-    "prune": "collalign status OUT --prune",
-    "select": "collalign export OUT --format FORMAT --to FOLDER --right 0.99",
-    "verify": "collalign certify OUT --verify",
 }
 for _name, (_function, _help) in _COMMANDS.items():
     app.command(_function, name=_name, help=_help, help_format="markdown")
@@ -146,13 +138,6 @@ def _run(words: list[str]) -> int:
     try:
         add_to_summary(command=next((word for word in words if word in _COMMANDS), ""))
         return end(int(app.meta(words, exit_on_error=False) or 0))
-    except UnknownCommandError as error:
-        instead = next((_INSTEAD[word] for word in words if word in _INSTEAD), None)
-        return (
-            end(2, str(error))
-            if instead is None
-            else _say(f"there is no such command; write: {instead}", 2)
-        )
     except CycloptsError as error:
         return end(2, str(error))
     except KeyboardInterrupt as interrupt:

@@ -19,7 +19,7 @@ from collalign.align import align_listing
 from collalign.analysis.label_table import Labels, read_labels
 from collalign.cli.check import check_shapes
 from collalign.cli.own_file import read_marks, read_own
-from collalign.console.help import Excluded, Flag, Included
+from collalign.console.help import Excluded, Flag, Included, Run
 from collalign.console.interruption import INCOMPLETE, resumable
 from collalign.console.messages import add_to_summary, elapsed_s, say, say_files, warn
 from collalign.engine.local_pool import lasting_workers
@@ -118,7 +118,7 @@ def align(
     drop: Flag = False,
     given: Annotated[Given, Parameter(name="*")] = Given(),
     options: Annotated[AlignOptions, Parameter(name="*")] = AlignOptions(),  # noqa: B008
-    run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
+    run: Run = RunOptions(),  # noqa: B008
 ) -> int:
     """Align all shapes of a folder, or of several.
 
@@ -199,7 +199,7 @@ def add(
     labels: Path | None = None,
     kinds_by: str = "",
     report: bool = True,
-    run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
+    run: Run = RunOptions(),  # noqa: B008
 ) -> int:
     """Align new shapes to a finished result without moving the old ones.
 
@@ -246,7 +246,7 @@ def demo(
     out: Path = Path("collalign-demo"),
     num_shapes: int = 10,
     options: Annotated[AlignOptions, Parameter(name="*")] = AlignOptions(),  # noqa: B008
-    run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
+    run: Run = RunOptions(),  # noqa: B008
 ) -> int:
     """Generate a small collection in random poses, align it, and compare with the truth.
 

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
-
-from cyclopts import Parameter
 
 from collalign.batch import estimate_job, read_batch
 from collalign.cli.align_command import Given, align
+from collalign.console.help import Run
 from collalign.console.interruption import INCOMPLETE
 from collalign.console.messages import add_to_summary, say, separate_summary, warn
 from collalign.engine.run_options import RunOptions
@@ -20,7 +18,7 @@ def batch(
     file: Path,
     *,
     dry_run: bool = False,
-    run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
+    run: Run = RunOptions(),  # noqa: B008
 ) -> int:
     """Align many folders; a folder that fails does not stop the others.
 

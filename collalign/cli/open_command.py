@@ -1,355 +1,342 @@
-"""``collalign open``: the pages of a result, served to this machine alone, and the commands run on its files."""
+"""``collalign open``: a server of this machine alone, with addresses that work once and few connections."""
 
 from __future__ import annotations
 
+import json
 import os
-import re
-import shlex
-import shutil
-import sys
+import secrets
 import webbrowser
-from collections import Counter, deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
-from io import BytesIO
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from importlib import resources
 from pathlib import Path
-from subprocess import PIPE, STDOUT, Popen, TimeoutExpired
-from threading import Lock, Thread
-from typing import Any, BinaryIO
+from queue import Empty, SimpleQueue
+from socket import SHUT_RDWR, SHUT_WR, socket
+from socketserver import ThreadingMixIn
+from tempfile import TemporaryFile
+from threading import BoundedSemaphore, Lock, Thread
+from typing import IO, Any, BinaryIO, cast
+from wsgiref.simple_server import (
+    ServerHandler,
+    WSGIRequestHandler,
+    WSGIServer,
+    make_server,
+)
 
-from collalign.analysis.label_table import read_labels
-from collalign.cli.open_server import served
+from collalign.cli.open_workspace import Workspace
 from collalign.console.messages import say
-from collalign.options import ALL, AUTO, NEVER, AlignOptions
-from collalign.output.collection import Collection
-from collalign.output.corrections import fixed_by, read_corrections
-from collalign.output.loading import load
-from collalign.output.moved_files import missing_files
-from collalign.output.provenance import option_words, shape_words
-from collalign.output.write import ALIGNMENT_FILE, REPORT_FILE
-from collalign.template_landmarks.templates import read_templates
-from collalign.tools.export.run import FORMATS
-from data_tools.errors import InputError
-from data_tools.io.files import resolved
-from data_tools.io.listing import FolderListing, read_folder
-from data_tools.io.output_folder import OutputFolder, output_path
-from data_tools.io.source import location
+from data_tools.errors import CollalignError, InputError, OptionsError
+from data_tools.html_pages import html_page
 from data_tools.io.temporary import TemporaryFolder
-from data_tools.io.text_tables import csv_text
-from data_tools.landmark_tables import READABLE
-from data_tools.names import known_names
-from data_tools.notes import listed
 
-#: Pages that are shown, by the command that writes them.
-_PAGES = {
-    "align": REPORT_FILE,
-    "variation": "variation/variation.html",
-    "transfer": "landmarks/landmarks.html",
-}
-#: Folder with what came from the browser, that of landmarks in it, and files whose names say what they are. The
-#: folder has a manifest of its own: a file there that is somebody else's is never overwritten.
-_GIVEN, _TEMPLATES = "given", "templates"
-#: The command, in the manifest of that folder.
-_WRITER = "open"
-_DECISIONS_FILE, _LABELS_FILE, _CORRECTED_FILE = "decisions.json", "labels.csv", "templates.csv"
-#: Files that may be tables of labels.
-_TABLES = (".csv", ".tsv", ".txt")
-_SOURCES_FILE = "sources.txt"
-#: What Python runs for a command: it ends in order when this process is gone, however that has ended.
-_BELOW = """
-import os, signal, sys
-from collalign.cli import main
-from collalign.engine.worker import end_with_parent
-end_with_parent(int(sys.argv.pop(1)), lambda: os.kill(os.getpid(), signal.SIGTERM))
-sys.exit(main())
-"""
-#: How long a command may take to end in order.
-_LEAVE_TO_END_S = 20.0
+#: Largest file that the page may send, in bytes: it is read as a whole later.
+MOST_UPLOADED_BYTES = 64 * 2**20
+_MOST_REQUEST_BYTES = 2**20
+#: Connections that are open at a time, and for how long one may say nothing.
+_MOST_CONNECTIONS, _SILENT_S = 32, 20.0
+_PIECE = 2**16
+#: How long what is sent beyond an answer is waited for, and pieces of it that are read.
+_LAST_WORDS_S, _MOST_LAST_WORDS = 1.0, 64
+_HOST = "127.0.0.1"
+#: What a browser lets the page of this command do, and the pages of a result, which may come from anybody.
+_INLINE = (
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
+)
+_PAGE_POLICY = (
+    f"{_INLINE}; connect-src 'self'; frame-src 'self'; frame-ancestors 'none'; form-action 'none'"
+)
+_RESULT_POLICY = (
+    f"{_INLINE}; sandbox allow-scripts allow-downloads; frame-ancestors 'self'; form-action 'none'"
+)
+_NOTICE_POLICY = "default-src 'none'; style-src 'unsafe-inline'; frame-ancestors 'none'"
+_HOW_TO_COME_IN = (
+    "Open the address that was printed last in the terminal where <code>collalign open</code> runs, or end that "
+    "command and run it again."
+)
 
 
-class Workspace:
-    """A result, or a folder of shapes that will have one next to it; nothing else is read or written."""
+class Doors:
+    """The addresses that let a browser in, each once, and what it proves later that it has been let in with.
 
-    def __init__(self, place: Path, sources: Path | None = None) -> None:
-        self._shapes, self.out = resolved(place), resolved(place)
-        if not (place / ALIGNMENT_FILE).is_file():  # shapes: their result goes beside them
-            read_folder(place)
-            self.out = self.out.with_name(f"{self.out.name}-aligned")
-        self._process: Popen[str] | None = None
-        self._starting, self._keeping = Lock(), Lock()
-        self._command, self._lines = "", deque[str](maxlen=500)
-        if sources is not None:
-            content = str(resolved(sources)).encode("utf-8", "surrogateescape")
-            self.put(_SOURCES_FILE, BytesIO(content))
+    Attributes
+    ----------
+    base : str
+        Path of everything that is served. Browsers send cookies to all ports of a machine: this one goes no further.
+    cookie, session : str
+        Name and value of the cookie.
+    results : str
+        Part of the paths of result pages, which are shown in a sandbox: links there carry no cookie.
+    file : Path
+        Page that only this user can read. It leads to an address, so that the browser, whose arguments every user
+        of the machine can see, is given none.
+    """
 
-    def state(self) -> dict[str, Any]:
-        """Return shapes, pages, formats and files that were given; JSON types only."""
-        pages = {task: page for task, page in _PAGES.items() if (self.out / page).is_file()}
-        state: dict[str, Any] = {
-            "out": str(self.out),
-            "pages": pages,
-            "formats": list(FORMATS),
-            "aligned": False,
-            "found": "",
-            "shapes": [],
-            "byHand": [],
-            "missing": [],
-        }
-        if not (self.out / ALIGNMENT_FILE).is_file():
-            listing = read_folder(self._shapes)
-            shapes = [
-                {"name": name, "exclude": False, "incomplete": False} for name in listing.names
+    def __init__(self, port: int, private: Path) -> None:
+        self.base = f"/{secrets.token_urlsafe(8)}/"
+        self.cookie, self.session = f"collalign-{port}", secrets.token_urlsafe()
+        self.results = secrets.token_urlsafe()
+        self._origin = f"http://{_HOST}:{port}"
+        self._keys, self._lock = set[str](), Lock()
+        self._printed = SimpleQueue[str]()
+        self._key_printed = ""
+        self.file = private / "open.html"
+        with open(os.open(self.file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
+            file.write(_leading("Opening the result", self._address(self._new_key())))
+        self._print_next()
+
+    def printed(self) -> str:
+        """Return the address that is printed next; wait until there is one."""
+        while True:
+            with suppress(Empty):  # where nothing interrupts a wait without end
+                return self._printed.get(timeout=1.0)
+
+    def enter(self, key: str) -> bool:
+        """Return whether a key lets in, now and never again."""
+        with self._lock:
+            known = [
+                one for one in self._keys if secrets.compare_digest(one.encode(), key.encode())
             ]
-            return state | {"found": _found(listing), "shapes": shapes}
-        collection = self._load()
-        left_out, incomplete = _left_out(collection), _incomplete(collection)
-        shapes = [
-            {"name": name, "exclude": name in left_out, "incomplete": name in incomplete}
-            for name in (*collection.names, *left_out)
-        ]
-        return state | {
-            "aligned": True,
-            "shapes": shapes,
-            "byHand": [*collection.by_hand],
-            "missing": missing_files(collection.files),
-        }
+            self._keys.difference_update(known)
+            if self._key_printed in known:
+                self._print_next()
+        return bool(known)
 
-    def page(self, name: str) -> Path | None:
-        """Return the file of a page, None if it is none of ours or leads out of the result."""
-        if name not in _PAGES.values() and not re.fullmatch(r"report_pages/page-\d+\.html", name):
-            return None
-        file = resolved(self.out / name)
-        return file if file.is_file() and file.is_relative_to(resolved(self.out)) else None
+    def _print_next(self) -> None:
+        self._key_printed = self._new_key()
+        self._printed.put(self._address(self._key_printed))
 
-    def put(self, name: str, content: BinaryIO) -> dict[str, str]:
-        """Keep decisions, labels, where the files are now, or landmarks, which become templates.
+    def _new_key(self) -> str:
+        key = secrets.token_urlsafe()
+        self._keys.add(key)
+        return key
 
-        A table that holds no landmarks is one of labels, whatever it is called, if it names a shape.
+    def _address(self, key: str) -> str:
+        return f"{self._origin}{self.base}enter/{key}"
 
-        Parameters
-        ----------
-        name : str
-            Of the file.
-        content : file
-            Which can be read again from its beginning.
 
-        Returns
-        -------
-        dict
-            Under ``kept``, the kind of file that it was kept as.
+class Server(ThreadingMixIn, WSGIServer):
+    """A server of one page with a thread for each of a few connections.
 
-        Raises
-        ------
-        InputError
-            Saying what is wrong with the content.
-        """
-        collection = load(self.out)
-        names = collection.names
+    Attributes
+    ----------
+    doors : Doors
+    """
 
-        def check_landmarks(staged: Path) -> None:
-            if others := sorted({*read_templates([staged], names)} - {*names}):
-                raise InputError(
-                    f"{name}: {others[0]!r} is no shape of the collection; call the file like its shape"
-                )
+    daemon_threads = True
+    request_queue_size = _MOST_CONNECTIONS
+    doors: Doors
 
-        def check_labels(staged: Path) -> None:
-            read_labels(staged).check_fit(names)
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self._free, self._silent = BoundedSemaphore(_MOST_CONNECTIONS), dict[socket, None]()
+        self._lock = Lock()
 
-        checks: dict[str, Callable[[Path], object]] = {
-            _DECISIONS_FILE: lambda staged: fixed_by([read_corrections(staged)], names),
-            _LABELS_FILE: check_labels,
-            _SOURCES_FILE: lambda staged: collection.with_sources(_folder_in(staged.read_bytes())),
-        }
-        if name in checks:
-            self._keep((name,), content, checks[name])
-            return {"kept": Path(name).stem}
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Start a thread; where there are too many, the connection that has said nothing for longest is closed."""
+        if not self._free.acquire(blocking=False):
+            with self._lock, suppress(OSError, StopIteration):
+                next(iter(self._silent)).shutdown(SHUT_RDWR)
+            if not self._free.acquire(timeout=1.0):
+                self.shutdown_request(request)
+                return
+        with self._lock:
+            self._silent[request] = None
         try:
-            self._keep((_TEMPLATES, name), content, check_landmarks)
-        except InputError as no_landmarks:
-            if Path(name).suffix.lower() not in _TABLES:
-                raise
-            try:
-                self._keep((_LABELS_FILE,), content, check_labels)
-            except InputError:
-                raise no_landmarks from None
-            return {"kept": "labels"}
-        return {"kept": "landmarks"}
+            super().process_request(request, client_address)
+        except RuntimeError:  # the system gives no thread
+            self.has_spoken(request)
+            self._free.release()
+            self.shutdown_request(request)
 
-    def words(self, task: str, request: Mapping[str, Any]) -> list[str]:
-        """Return the command line of a task, with names to ``exclude`` or ``incomplete`` ones, or a ``format``."""
-        out = str(self.out)
-        if task == "align" and not (self.out / ALIGNMENT_FILE).is_file():
-            return ["align", str(self._shapes), f"--out={out}", *self._first_words(request)]
-        collection = self._load()
-        names = {*collection.names, *_left_out(collection)}
-        request = _with_names(request, names)
-        exclude = request.get("exclude") or ()
-        counted = [f"--exclude={name}" for name in exclude if name in collection.names]
-        if task == "align":
-            usual, decisions = collection.options.incomplete, self.out / _GIVEN / _DECISIONS_FILE
-            named = {*request.get("incomplete", _incomplete(collection))} - {*exclude}
-            is_usual = usual in (ALL, AUTO, NEVER) and named == _incomplete(collection)
-            incomplete = usual if is_usual else ",".join(sorted(named)) or NEVER
-            options = option_words(replace(collection.options, incomplete=incomplete))
-            words = [
-                *shape_words(collection)[0],
-                f"--out={out}",
-                *options,
-                *self._labels(collection),
-            ]
-            words += [f"--corrections={decisions}"] if decisions.is_file() else []
-            return ["align", *words, *(f"--exclude={name}" for name in exclude)]
-        if task == "variation":
-            return ["variation", out, *self._labels(collection), *counted, *self._sources()]
-        if task == "transfer":
-            return [
-                "transfer",
-                out,
-                "--landmarks",
-                *self._templates(collection),
-                f"--to={out}/landmarks",
-                *self._sources(),
-            ]
-        if task != "export" or request.get("format") not in FORMATS:
-            raise InputError(f"{task}: there is no such command or format here")
-        to = f"--to={out}/export-{request['format']}"
-        return ["export", out, f"--format={request['format']}", to, *counted, *self._sources()]
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """Answer, and let the next one in."""
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self.has_spoken(request)
+            self._free.release()
 
-    def _first_words(self, request: Mapping[str, Any]) -> list[str]:
-        """Return the options of a first alignment."""
-        names = read_folder(self._shapes).names
-        request = _with_names(request, names)
-        kept = {key: request[key] for key in ("group", "scaling") if key in request}
-        named = ",".join(
-            sorted({*(request.get("incomplete") or ())} - {*(request.get("exclude") or ())})
-        )
-        options = AlignOptions(**kept, incomplete=named or AUTO)
-        return [
-            *option_words(options),
-            *(f"--exclude={name}" for name in request.get("exclude") or ()),
-        ]
-
-    def start(self, task: str, request: Mapping[str, Any]) -> None:
-        """Run the command of :meth:`words` in a process of its own, one at a time."""
-        with self._starting:  # requests come in threads of their own
-            if self._process is not None and self._process.poll() is None:
-                raise InputError("a command is running; wait for its end, or stop it")
-            words = self.words(task, request)
-            self._command, self._lines = shlex.join(["collalign", *words]), deque(maxlen=500)
-            variables = {"PYTHONUNBUFFERED": "1", "PYTHONUTF8": "1"}
-            self._process = Popen(
-                [sys.executable, "-c", _BELOW, str(os.getpid()), *words],
-                stdout=PIPE,
-                stderr=STDOUT,
-                encoding="utf-8",
-                errors="replace",
-                env=os.environ | variables,
-            )
-            Thread(target=self._lines.extend, args=(self._process.stdout,), daemon=True).start()
-
-    def stop(self) -> None:
-        """End the command that runs, in order if it does so in time; what it has finished is kept in the store."""
-        with self._starting:
-            if self._process is not None:
-                self._process.terminate()
-                try:
-                    self._process.wait(_LEAVE_TO_END_S)
-                except TimeoutExpired:
-                    self._process.kill()
-                    self._process.wait()
-
-    def progress(self) -> dict[str, Any]:
-        """Return the last command, what it has said, and its exit code, None while it runs; JSON types only."""
-        code = None if self._process is None else self._process.poll()
-        return {"command": self._command, "lines": [*self._lines.copy()], "code": code}
-
-    def _keep(
-        self, parts: Sequence[str], content: BinaryIO, check: Callable[[Path], object] | None = None
-    ) -> None:
-        """Put a file into the folder of what was given, if ``check`` finds nothing wrong with it."""
-        with self._keeping, OutputFolder.open(self.out / _GIVEN, writer=_WRITER) as given:
-            staged = given.stage(*parts)
-            content.seek(0)
-            with staged.open("wb") as file:
-                shutil.copyfileobj(content, file)
-                file.flush()
-                os.fsync(file.fileno())
-            if check is not None:
-                try:
-                    check(staged)
-                except InputError as error:  # the staged copy is nobody's file
-                    raise InputError(str(error).replace(str(staged), parts[-1])) from None
-            given.publish()
-
-    def _load(self) -> Collection:
-        """Return the result, its files where they are now."""
-        given = output_path(self.out, _GIVEN, _SOURCES_FILE)
-        return load(self.out, sources=_folder_in(given.read_bytes()) if given.is_file() else None)
-
-    def _sources(self) -> list[str]:
-        """Return the option that says where the files are now, if that was said."""
-        given = output_path(self.out, _GIVEN, _SOURCES_FILE)
-        return [f"--sources={_folder_in(given.read_bytes())}"] if given.is_file() else []
-
-    def _labels(self, collection: Collection) -> list[str]:
-        """Return the option of labels that were given in the browser or with an earlier command."""
-        path = output_path(self.out, _GIVEN, _LABELS_FILE)
-        if not path.is_file() and collection.labels:
-            rows = zip(collection.names, *collection.labels.values(), strict=True)
-            text = csv_text([["name", *collection.labels], *rows])
-            self._keep((_LABELS_FILE,), BytesIO(text.encode("utf-8", "backslashreplace")))
-        return [f"--labels={path}"] if path.is_file() else []
-
-    def _templates(self, collection: Collection) -> list[str]:
-        """Return the landmark files: what was corrected on the page goes before what was given for a specimen."""
-        files = sorted(
-            (self.out / _GIVEN / _TEMPLATES).glob("*"),
-            key=lambda file: file.name != _CORRECTED_FILE,
-        )
-        corrected = {*read_templates(files[:1], collection.names)}
-        chosen = files[:1] + [
-            file
-            for file in files[1:]
-            if not {*read_templates([file], collection.names)} & corrected
-        ]
-        if not chosen:
-            raise InputError(
-                f"give landmarks of a specimen first ({READABLE}), called like its file"
-            )
-        return [str(file) for file in chosen]
+    def has_spoken(self, request: Any) -> None:
+        """Note that a whole request has come."""
+        with self._lock:
+            self._silent.pop(request, None)
 
 
-def _found(listing: FolderListing) -> str:
-    """Say what a folder holds."""
-    kinds = Counter(
-        Path(location(file)).suffix.lower().removeprefix(".") or "folder" for file in listing.files
-    )
-    counts = ", ".join(f"{number} {kind}" for kind, number in kinds.most_common())
-    skipped = f" Not shapes: {listed(listing.skipped_names)}." if listing.skipped_names else ""
-    return f"{len(listing.files)} shapes ({counts}).{skipped}"
+class _Quiet(WSGIRequestHandler):
+    """Answers one request, within a time, and says nothing of requests or of connections that break."""
+
+    timeout = _SILENT_S
+    server: Server
+
+    def handle(self) -> None:
+        with suppress(OSError):
+            self.raw_requestline = self.rfile.readline(_PIECE + 1)
+            if len(self.raw_requestline) > _PIECE or not self.parse_request():
+                return
+            self.server.has_spoken(self.connection)
+            app = self.server.get_app()
+            assert app is not None
+            output = cast(IO[bytes], self.wfile)
+            answer = _Answer(self.rfile, output, self.get_stderr(), self.get_environ())
+            answer.request_handler = self
+            answer.run(app)
+            # A connection that is closed with something unread breaks, and its answer may be lost.
+            self.connection.shutdown(SHUT_WR)
+            self.connection.settimeout(_LAST_WORDS_S)
+            for _ in range(_MOST_LAST_WORDS):
+                if not self.connection.recv(_PIECE):
+                    return
+
+    def log_message(self, format: str, *arguments: Any) -> None:
+        """Say nothing of requests, whose addresses hold keys."""
 
 
-def _folder_in(content: bytes) -> Path:
-    """Return the folder that a page, or an earlier page, gave."""
-    return Path(content.decode("utf-8", "surrogateescape").strip()).expanduser()
+class _Answer(ServerHandler):
+    request_handler: WSGIRequestHandler
+
+    def log_exception(self, exc_info: Any) -> None:
+        """Say what went wrong here, and nothing of connections that break."""
+        if not isinstance(exc_info[1], OSError):
+            super().log_exception(exc_info)
 
 
-def _with_names(request: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
-    """Return a request whose lists have names of shapes."""
-    lists = (key for key in ("exclude", "incomplete") if request.get(key))
-    return {**request, **{key: [*known_names(key, request[key], names).values()] for key in lists}}
+def served(workspace: Workspace, private: Path) -> Server:
+    """Return a server of a result at a free port of this machine.
 
+    Parameters
+    ----------
+    workspace : Served
+    private : Path
+        Folder that only this user can look into.
 
-def _left_out(collection: Collection) -> list[str]:
-    """Return the names of the shapes that were left out; none where the files are not known."""
+    Raises
+    ------
+    OptionsError
+        If the extra is missing.
+    """
     try:
-        return shape_words(collection)[1]
-    except InputError:
-        return []
+        import bottle
+    except ImportError as error:
+        raise OptionsError(
+            f"open needs a server ({error}); install it with: pip install 'collalign[app]'"
+        ) from None
+    app = bottle.Bottle()
+    server = make_server(_HOST, 0, app, server_class=Server, handler_class=_Quiet)
+    doors = server.doors = Doors(server.server_port, private)
+    hosts = {f"{name}:{server.server_port}" for name in (_HOST, "localhost")}
+    base, results = doors.base, f"{doors.base}result/{doors.results}/"
+
+    def is_let_in() -> bool:
+        given = bottle.request.get_cookie(doors.cookie) or ""
+        return secrets.compare_digest(given.encode(), doors.session.encode())
+
+    def guard() -> None:
+        given, path = bottle.request.headers, bottle.request.path
+        origins = {None, *(f"http://{host}" for host in hosts)}
+        if given.get("Host") not in hosts or given.get("Origin") not in origins:
+            raise refused("This is not for other machines or pages", "")
+        is_result = secrets.compare_digest(path[: len(results)].encode(), results.encode())
+        is_open = is_result or path.startswith(f"{base}enter/")
+        if not (is_let_in() or (is_open and bottle.request.method == "GET")):
+            raise refused("You have not been let in", f"<p>{_HOW_TO_COME_IN}</p>")
+
+    def refused(title: str, body: str) -> Any:
+        return noticed(html_page(title, body), status=403)
+
+    def noticed(content: bytes, **more: Any) -> Any:
+        return bottle.HTTPResponse(content, **more, **_headers(_NOTICE_POLICY))
+
+    def plain(run: Callable[..., Any]) -> Callable[..., Any]:
+        def answered(*args: Any, **values: Any) -> Any:
+            try:
+                return run(*args, **values)
+            except RecursionError:
+                return said("nested too deeply", 400)
+            except (CollalignError, OSError, ValueError, TypeError, AttributeError) as error:
+                return said(str(error), 400)
+
+        return answered
+
+    def said(text: str, status: int) -> Any:
+        return bottle.HTTPResponse(text, status, content_type="text/plain; charset=utf-8")
+
+    def page(file: Any, policy: str) -> Any:
+        if file is None:
+            return bottle.HTTPResponse(status=404)
+        return bottle.HTTPResponse(file.read_bytes(), **_headers(policy))
+
+    def enter(key: str) -> Any:
+        if not is_let_in():
+            if not doors.enter(key):
+                return refused(
+                    "This address has been used",
+                    f"<p>It lets one browser in, once. {_HOW_TO_COME_IN}</p><p>If this browser has been let in "
+                    f'before, <a href="{base}">go on here</a>. If nobody of yours has used the address, end the '
+                    "command with Ctrl-C: somebody else has read it.</p>",
+                )
+            answer = noticed(_leading("You are let in", base))
+            answer.set_cookie(
+                doors.cookie, doors.session, path=base, httponly=True, samesite="strict"
+            )
+            return answer
+        return noticed(_leading("You are let in", base))
+
+    @contextmanager
+    def received(most: int) -> Iterator[BinaryIO]:
+        """Put what comes into a file, piece by piece."""
+        left = bottle.request.content_length
+        if left < 0:
+            raise InputError("the request does not say how long it is")
+        if left > most:
+            raise InputError(f"{left} bytes, at most {most} are taken; make it smaller first")
+        with TemporaryFile(dir=private) as file:
+            while left:
+                piece = bottle.request.environ["wsgi.input"].read(min(left, _PIECE))
+                if not piece:
+                    raise InputError("the connection broke off before all was here; send it again")
+                file.write(piece)
+                left -= len(piece)
+            file.seek(0)
+            yield file
+
+    def put(name: str) -> Any:
+        with received(MOST_UPLOADED_BYTES) as file:
+            return workspace.put(name, file)
+
+    def start(task: str) -> None:
+        with received(_MOST_REQUEST_BYTES) as file:
+            workspace.start(task, json.load(file))
+
+    own = resources.files("collalign.cli").joinpath("open_page.html")
+    more = {"results": f"result/{doors.results}/", "mostBytes": MOST_UPLOADED_BYTES}
+    app.add_hook("before_request", guard)
+    app.install(plain)
+    app.get(base, callback=lambda: page(own, _PAGE_POLICY))
+    app.get(f"{base}enter/<key>", callback=enter)
+    app.get(
+        f"{results}<name:path>", callback=lambda name: page(workspace.page(name), _RESULT_POLICY)
+    )
+    app.get(f"{base}state", callback=lambda: workspace.state() | more)
+    app.get(f"{base}progress", callback=workspace.progress)
+    app.post(f"{base}files/<name>", callback=put)
+    app.post(f"{base}run/<task>", callback=start)
+    app.post(f"{base}stop", callback=workspace.stop)
+    return server
 
 
-def _incomplete(collection: Collection) -> set[str]:
-    return {collection.names[one.shape] for one in collection.incomplete}
+def _headers(policy: str) -> dict[str, str]:
+    return {
+        "Content-Type": "text/html; charset=utf-8",
+        "Content-Security-Policy": policy,
+        "Referrer-Policy": "no-referrer",
+        "Cache-Control": "no-store",
+    }
+
+
+def _leading(title: str, address: str) -> bytes:
+    """Return a page that goes on to an address by itself; a redirect of HTTP would not carry the cookie."""
+    refresh = f'<meta http-equiv="refresh" content="0; url={address}">\n'
+    return html_page(title, f'<p><a href="{address}">Go on to the page</a></p>', head=refresh)
 
 
 def open_app(place: Path, *, sources: Path | None = None) -> int:

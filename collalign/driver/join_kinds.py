@@ -108,22 +108,21 @@ def join_kinds(
     numbered = list(
         zip((places(s, p) for s, p in zip(starts, parts, strict=False)), parts, strict=True)
     )
-    first = parts[0]
 
-    def every(field: str) -> tuple[object, ...]:
+    def every(field: str) -> tuple[Any, ...]:
         values = [one for part in parts for one in getattr(part, field)]
         return tuple(values[i] for i in order.tolist())
 
     return replace(
-        first,
-        names=every("names"),  # type: ignore[arg-type]
-        files=every("files"),  # type: ignore[arg-type]
-        digests=every("digests"),  # type: ignore[arg-type]
+        parts[0],
+        names=every("names"),
+        files=every("files"),
+        digests=every("digests"),
         transforms=read_only(transforms),
         confidence=read_only(np.concatenate([part.confidence for part in parts])[order]),
         samples=read_only(samples),
         positions=read_only(positions),
-        maps=ConsistentMaps(names=every("names"), labels=read_only(labels)),  # type: ignore[arg-type]
+        maps=ConsistentMaps(names=every("names"), labels=read_only(labels)),
         consensus=read_only(np.concatenate([part.consensus for part in parts])),
         landmarks=read_only(by_label(in_files, labels)),
         landmark_names=(),
@@ -132,7 +131,7 @@ def join_kinds(
             for where, part in numbered
             for pair in part.pairs
         ],
-        alternatives=every("alternatives"),  # type: ignore[arg-type]
+        alternatives=every("alternatives"),
         part_numbers=read_only(_part_numbers(parts)[order]),
         kinds=kinds,
         excluded=tuple(one for part in parts for one in part.excluded),

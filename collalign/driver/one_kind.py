@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
 
@@ -32,12 +32,13 @@ from collalign.stages.pieces import Pieces, pieces_that_match
 from collalign.stages.posing import pose_all
 from collalign.stages.shape_stage import decided_reading, prepare_shapes
 from collalign.stages.steps import Run
+from data_tools.arrays import frozen
 from data_tools.io.listing import FolderListing
 from data_tools.notes import Note
 from data_tools.surface.extra import ExtraSurface
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class KindTask:
     """Shapes of one kind, what is known of them, and the session that aligns them together."""
 

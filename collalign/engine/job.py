@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, is_dataclass
 from io import FileIO
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Generic, TypeVar
 
 from collalign.engine.records import (
@@ -47,13 +46,10 @@ class SharedTable:
     ----------
     path : Path
         A file written by :meth:`create`.
-    values : mapping of str to dataclass, optional
-        Whose records these are, by key: the process that made them need not make them again.
     """
 
-    def __init__(self, path: Path, values: Mapping[str, Any] = MappingProxyType({})) -> None:
+    def __init__(self, path: Path) -> None:
         self.path = path
-        self._values = values
         self._owned: TemporaryFolder | None = None
         self._file: FileIO | None = None
         self._index: dict[str, list[int]] = {}
@@ -61,22 +57,16 @@ class SharedTable:
         self._cache: OrderedDict[tuple[str, Reader[Any]], tuple[Any, float]] = OrderedDict()
 
     @classmethod
-    def create(
-        cls,
-        records: Iterable[tuple[str, Record]],
-        values: Mapping[str, Any] = MappingProxyType({}),
-    ) -> SharedTable:
+    def create(cls, records: Iterable[tuple[str, Record]]) -> SharedTable:
         """Write records, one at a time, into a new temporary file.
 
         Parameters
         ----------
         records : iterable of (key, record)
             Keys are unique strings; see :mod:`collalign.engine.records` for what a record holds.
-        values : mapping of str to dataclass, optional
-            As of the class.
         """
         owned = TemporaryFolder()
-        table = cls(owned.path / "records.table", values)
+        table = cls(owned.path / "records.table")
         table._owned = owned
         index: dict[str, list[int]] = {}
         try:
@@ -105,9 +95,6 @@ class SharedTable:
         growth : float
             About how many times the record's bytes that object takes.
         """
-        if type(self._values.get(key)) is reader:
-            own: Made = self._values[key]
-            return own
         if (key, reader) in self._cache:
             self._cache.move_to_end((key, reader))
         else:
@@ -307,8 +294,7 @@ def _looked_up(argument: Any, table: SharedTable | None) -> Any:
 
 def table_of_values(values: Iterable[Any]) -> SharedTable:
     """Return a table of dataclasses, by position as text; use it in a ``with`` block."""
-    own = {str(i): value for i, value in enumerate(values)}
-    return SharedTable.create(((key, to_record(value)) for key, value in own.items()), own)
+    return SharedTable.create((str(i), to_record(value)) for i, value in enumerate(values))
 
 
 def table_of_stored(store: Store, tasks: Iterable[Mapping[str, Any]]) -> SharedTable | None:

@@ -23,7 +23,7 @@ from collalign.output.report.page import report_pages, write_report
 from collalign.output.views import FEWEST_FACES, contact_sheet, display_mesh, tile_of
 from collalign.output.write import WRITER, save_collection
 from collalign.products.named_frame import NamedFrame
-from data_tools.arrays import IntArray
+from data_tools.arrays import IntArray, frozen
 from data_tools.checks import check_choice
 from data_tools.errors import CollalignError
 from data_tools.html_pages import new_figure
@@ -130,7 +130,7 @@ def _framed(page: str) -> str:
     return f'<iframe {may} {look} srcdoc="{html.escape(page)}"></iframe>'
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class Collection(CollectionData):
     """An aligned collection, just made by :func:`collalign.align_collection` or read by :func:`collalign.load`.
 
@@ -211,8 +211,7 @@ class Collection(CollectionData):
         Display meshes in file coordinates, (v, 3) and (f, 3); none before the result is saved.
     places : tuple of ndarray of uint8
         Where all vertices have maps, a colour of each vertex of the display meshes by its place on the reference,
-        alike where vertices correspond, and how sure that is (v, 4), in older results without it (v, 3); empty for a
-        shape without maps.
+        alike where vertices correspond, and how sure that is (v, 4); empty for a shape without maps.
     folder : Path or None
         Where the result was loaded from.
     fresh : Made or None

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Self, TypeVar, overload
+from typing import Annotated, Any, Self, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from collalign.products.pair import AlignedPair, Alternative, Pairs
 from collalign.products.run_record import Made, RunRecord
 from collalign.products.shapes import Excluded, ExtraMaterial, Incomplete, PosedFile
 from collalign.products.trust import DOUBT
-from data_tools.arrays import BoolArray, FloatArray, Holds, IntArray, one_line
+from data_tools.arrays import BoolArray, FloatArray, Holds, IntArray, frozen
 from data_tools.embedding.copies import Copies
 from data_tools.errors import InputError, UnavailableError
 from data_tools.io.files import composed, file_stems
@@ -34,12 +34,16 @@ from data_tools.options import AS_STORED, CleaningOptions
 from data_tools.poses import each_moved_by, scales_of
 from data_tools.surface.shape import Shape
 
-T = TypeVar("T")
+#: Fields of a result with an entry for each shape, in order.
+PER_SHAPE = (
+    *("names", "files", "digests", "transforms", "confidence", "samples", "positions"),
+    *("landmarks", "alternatives", "part_numbers", "vertices", "faces", "places"),
+)
 #: The folder of a result in which the aligned shapes lie.
 MESH_FOLDER = "meshes"
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class AlignedShape:
     """One shape of a result.
 
@@ -81,10 +85,8 @@ class AlignedShape:
     is_alone: bool
     alternatives: tuple[Alternative, ...]
 
-    __repr__ = one_line
 
-
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class CollectionData:
     """What a :class:`collalign.Collection` holds, which documents it; what writes and shows results takes this."""
 
@@ -343,27 +345,21 @@ class CollectionData:
         """Return the collection as if there were only some of its shapes, given by position (n,), ascending."""
         position = {shape: at for at, shape in enumerate(chosen.tolist())}
 
-        def of(values: tuple[T, ...]) -> tuple[T, ...]:
+        def of(values: Any) -> Any:
+            if isinstance(values, np.ndarray):
+                return values[chosen]
             return tuple(values[at] for at in position) if values else ()
 
+        names = of(self.names)
         return replace(
             self,
-            names=of(self.names),
-            files=of(self.files),
-            digests=of(self.digests),
-            transforms=self.transforms[chosen],
-            confidence=self.confidence[chosen],
-            samples=self.samples[chosen],
-            positions=self.positions[chosen],
-            maps=ConsistentMaps(names=of(self.names), labels=self.maps.labels[chosen]),
-            landmarks=self.landmarks[chosen],
+            **{name: of(getattr(self, name)) for name in PER_SHAPE},
+            maps=ConsistentMaps(names=names, labels=self.maps.labels[chosen]),
             pairs=[
                 replace(pair, target=position[pair.target], source=position[pair.source])
                 for pair in self.pairs
                 if {pair.target, pair.source} <= position.keys()
             ],
-            alternatives=of(self.alternatives),
-            part_numbers=self.part_numbers[chosen],
             kinds=tuple(
                 kind.among(position) for kind in self.kinds if {*kind.shapes.tolist()} & {*position}
             ),
@@ -375,14 +371,9 @@ class CollectionData:
                 for one in self.extra
                 if one.shape in position
             ),
-            assembled=tuple(name for name in self.assembled if name in of(self.names)),
-            limited_by={
-                name: code for name, code in self.limited_by.items() if name in of(self.names)
-            },
+            assembled=tuple(name for name in self.assembled if name in names),
+            limited_by={name: code for name, code in self.limited_by.items() if name in names},
             labels={column: of(values) for column, values in self.labels.items()},
-            vertices=of(self.vertices),
-            faces=of(self.faces),
-            places=of(self.places),
         )
 
     @property

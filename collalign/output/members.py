@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from collalign.confidence.reliability_model import expected_right
 from collalign.output.collection_data import CollectionData
 from collalign.wording import note_text, reason_text
-from data_tools.arrays import IntArray
+from data_tools.arrays import IntArray, frozen
 from data_tools.checks import check_number
 from data_tools.embedding.copies import Copies
-from data_tools.io.text_tables import csv_text
 from data_tools.names import known_names
 from data_tools.notes import Note
 
@@ -23,7 +22,7 @@ LEFT_OUT_FILE = "left_out.csv"
 LESS_SURE = "less-sure"
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class Members:
     """Who counts in the statistics of a collection.
 
@@ -59,10 +58,9 @@ class Members:
         return [note for note in notes if note.code != "doubtful" or not {*note.shapes} <= names]
 
     @property
-    def table(self) -> bytes:
-        """The same as CSV."""
-        rows = [[name, reason_text(reason)] for name, reason in self.left_out]
-        return csv_text([["name", "reason"], *rows]).encode("utf-8", "backslashreplace")
+    def table(self) -> list[list[str]]:
+        """The same as a table with its heading."""
+        return [["name", "reason"], *([name, reason_text(why)] for name, why in self.left_out)]
 
     def too_few(self, least: int) -> str:
         """Return why nothing can be computed of fewer than so many; empty where there are enough."""
@@ -76,7 +74,7 @@ class Members:
         return ", ".join(f"{name} ({reason_text(reason)})" for name, reason in self.left_out)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class Selection:
     """Shapes that are kept so that a share of their poses is expected to be right.
 

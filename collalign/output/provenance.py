@@ -14,7 +14,7 @@ from collalign.options import AlignOptions
 from collalign.output.collection_data import CollectionData
 from collalign.version import __version__
 from data_tools.errors import InputError
-from data_tools.io.files import composed, write_atomic
+from data_tools.io.files import composed
 from data_tools.io.listing import parts_of
 from data_tools.io.objects import list_shapes
 from data_tools.io.output_folder import OutputFolder
@@ -46,8 +46,7 @@ def write_tool_record(output: OutputFolder, tool: str, options: Mapping[str, Any
         "date": now(),
         "options": options,
     }
-    text = json.dumps(json_types(record), indent=1)
-    write_atomic(output.stage(record_name(tool)), text.encode("utf-8", "backslashreplace"))
+    output.stage_text(json.dumps(json_types(record), indent=1), record_name(tool))
 
 
 def result_place(collection: CollectionData, to: Path) -> str:

@@ -33,7 +33,7 @@ def save_vertex_maps(maps: VertexMaps, path: Path) -> None:
         starts=starts,
         places=np.concatenate(maps.places).astype(np.float32),
         confidence=maps.confidence,
-        vertex_confidence=np.concatenate([*maps.vertex_confidence, np.empty(0)]).astype(np.float32),
+        vertex_confidence=np.concatenate(maps.vertex_confidence).astype(np.float32),
         left_out=np.array(maps.left_out, dtype=str).reshape(-1, 2),
     )
 
@@ -55,22 +55,18 @@ def load_vertex_maps(folder: Path | str) -> VertexMaps:
         raise InputError(f"{path}: there is none; align with --deformable to map all vertices")
     try:
         data = load_arrays(read_source(path).content, path.name)
-        names, every, sure = (
-            data["names"].tolist(),
-            data["places"],
-            data.get("vertex_confidence", np.empty(0)),
-        )
+        names, every, sure = data["names"].tolist(), data["places"], data["vertex_confidence"]
         starts = as_indices(data["starts"], "starts", upper=len(every) + 1, shape=(len(names) + 1,))
         record = {
             "names": names,
             "reference": data["reference"].item(),
             "places": np.split(every, starts[1:-1]),
-            "confidence": data.get("confidence", np.empty(0)),
-            "vertex_confidence": np.split(sure, starts[1:-1]) if len(sure) else [],
+            "confidence": data["confidence"],
+            "vertex_confidence": np.split(sure, starts[1:-1]),
             "left_out": data["left_out"].tolist(),
         }
         maps = from_record(VertexMaps, record, path.name)
-        wrong_size = len(maps.confidence) not in (0, len(names)) or len(sure) not in (0, len(every))
+        wrong_size = len(maps.confidence) != len(names) or len(sure) != len(every)
         if maps.reference not in names or (np.diff(starts) < 0).any() or wrong_size:
             raise InputError("the reference, the starts or the confidences are impossible")
     except (KeyError, ValueError, OSError, StoreError) as error:
@@ -90,20 +86,17 @@ class PlaceColours:
         self._low, self._high = placed.min(axis=0), placed.max(axis=0)
 
     def of_file(self, name: str) -> FloatArray:
-        """Return colours of a shape's vertices, (v + 1, 3 or 4) with confidence; the last are of no counterpart."""
-        num_columns = 4 if self._maps.vertex_confidence else 3
+        """Return colours of a shape's vertices, (v + 1, 4) with confidence; the last are of no counterpart."""
         if name not in self._maps.names:
-            return _NOWHERE[None, :num_columns].copy()
+            return _NOWHERE[None]
         at = self._maps.names.index(name)
         extent = self._high - self._low
         shares = (self._maps.places[at] @ self._axes - self._low) / np.where(
             extent > 0, extent, 1.0
         )
         colours = 0.08 + 0.84 * np.clip(shares, 0.0, 1.0)
-        if num_columns > 3:
-            colours = np.column_stack([colours, self._maps.vertex_confidence[at]])
-        nowhere = _NOWHERE[:num_columns]
-        return np.vstack([np.where(np.isfinite(colours), colours, nowhere), nowhere])
+        colours = np.column_stack([colours, self._maps.vertex_confidence[at]])
+        return np.vstack([np.where(np.isfinite(colours), colours, _NOWHERE), _NOWHERE])
 
 
 def at_vertices(colours: FloatArray, shape: Shape) -> FloatArray:

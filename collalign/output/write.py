@@ -37,11 +37,10 @@ from collalign.products.trust import KINDS, Trust
 from collalign.version import __version__
 from collalign.wording import note_records, reason_text
 from data_tools.errors import InputError
-from data_tools.io.files import file_stems, readable_name, system_reason, write_atomic
+from data_tools.io.files import file_stems, readable_name, system_reason
 from data_tools.io.output_folder import OutputFolder, refuse_overlap
 from data_tools.io.shapes import declared_system
 from data_tools.io.source import inputs_of
-from data_tools.io.text_tables import csv_text
 from data_tools.poses import scales_of
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
@@ -347,8 +346,8 @@ def alignment_record(collection: CollectionData) -> dict[str, Any]:
 
 
 def _write_tables(collection: CollectionData, output: OutputFolder) -> None:
-    _write_text(output.stage(ALIGNMENT_FILE), json.dumps(alignment_record(collection), indent=1))
-    _write_text(output.stage(PAIRS_FILE), _pairs_table(collection))
+    output.stage_text(json.dumps(alignment_record(collection), indent=1), ALIGNMENT_FILE)
+    output.stage_table(_pairs_table(collection), PAIRS_FILE)
     save_correspondences(collection, output.stage(CORRESPONDENCES_FILE).parent)
     if collection.made.vertices is not None:
         save_vertex_maps(collection.made.vertices, output.stage(VERTEX_MAPS_FILE))
@@ -375,7 +374,7 @@ def _documents(
             yield page.title, page.write
 
 
-def _pairs_table(collection: CollectionData) -> str:
+def _pairs_table(collection: CollectionData) -> list[Sequence[object]]:
     rows = (
         [
             collection.names[pair.target],
@@ -395,11 +394,7 @@ def _pairs_table(collection: CollectionData) -> str:
         ]
         for pair in collection.pairs
     )
-    return csv_text([_PAIR_COLUMNS, *rows])
-
-
-def _write_text(path: Path, text: str) -> None:
-    write_atomic(path, text.encode())
+    return [_PAIR_COLUMNS, *rows]
 
 
 def _number(value: float) -> float | None:

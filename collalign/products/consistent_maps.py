@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Annotated
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from data_tools.arrays import FloatArray, Holds, IntArray, one_line
+from data_tools.arrays import FloatArray, Holds, IntArray, frozen
 from data_tools.errors import UnknownName
 from data_tools.io.files import composed
 from data_tools.names import nearest_names
@@ -38,7 +37,7 @@ def position_of(names: Sequence[str], shape: str | int) -> int:
     return names.index(shape)
 
 
-@dataclass(frozen=True, eq=False)
+@frozen
 class ConsistentMaps:
     """Correspondences of samples between any two shapes, consistent around every cycle by construction.
 
@@ -63,10 +62,8 @@ class ConsistentMaps:
         inverse[-1] = -1
         return inverse[self.labels[b]]
 
-    __repr__ = one_line
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class VertexMaps:
     """Maps of all vertices between any two shapes, through one of them; arrays are read-only.
 
@@ -84,9 +81,9 @@ class VertexMaps:
         the reference's file: a point of its surface, NaN where there is none.
     confidence : ndarray, shape (M,)
         Probability that a shape's vertices belong less than .1 sqrt(area) from their places in the mean, see
-        :mod:`collalign.confidence.map_model`; a map of two shapes is right where both are. Empty in older results.
+        :mod:`collalign.confidence.map_model`; a map of two shapes is right where both are.
     vertex_confidence : tuple of ndarray, each (v_i,)
-        Probability that the place of each vertex is within that; NaN where there is none. Empty in older results.
+        Probability that the place of each vertex is within that; NaN where there is none.
     left_out : tuple of (str, str)
         Names of the other shapes, and why they have none.
     """
@@ -94,10 +91,8 @@ class VertexMaps:
     names: tuple[str, ...]
     reference: str
     places: tuple[Annotated[FloatArray, Holds(shape="_ 3", nan=True)], ...]
-    confidence: Annotated[FloatArray, Holds(shape="_", nan=True)] = field(
-        default_factory=lambda: np.empty(0)
-    )
-    vertex_confidence: tuple[Annotated[FloatArray, Holds(shape="_", nan=True)], ...] = ()
+    confidence: Annotated[FloatArray, Holds(shape="_", nan=True)]
+    vertex_confidence: tuple[Annotated[FloatArray, Holds(shape="_", nan=True)], ...]
     left_out: tuple[tuple[str, str], ...] = ()
 
     def __getitem__(self, pair: tuple[str, str]) -> IntArray:
@@ -117,8 +112,6 @@ class VertexMaps:
         return tuple(
             (cKDTree(own[rows]), rows) for own, rows in zip(self.places, known, strict=True)
         )
-
-    __repr__ = one_line
 
     def _position(self, name: str) -> int:
         name = composed(name)

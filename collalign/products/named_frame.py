@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from collalign.options import FILE_ORIGIN, FRAME_AXES, AlignOptions, numbers_of
-from data_tools.arrays import ORTHOGONAL_TOL, FloatArray, read_only
+from data_tools.arrays import ORTHOGONAL_TOL, FloatArray, frozen, read_only
 from data_tools.errors import InputError
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class NamedFrame:
     """What a user calls up and front, in the common frame.
 

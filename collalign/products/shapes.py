@@ -8,7 +8,7 @@ from typing import Annotated
 
 import numpy as np
 
-from data_tools.arrays import FloatArray, Holds, IntArray
+from data_tools.arrays import FloatArray, Holds, IntArray, frozen
 from data_tools.embedding.chirality import SurfaceChirality
 from data_tools.embedding.embedding import Samples
 from data_tools.io.shapes import read_shape
@@ -21,7 +21,7 @@ from data_tools.surface.extra import ExtraSurface
 from data_tools.surface.shape import Shape
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class PosedFile:
     """A file of a collection and where it stands.
 
@@ -54,7 +54,7 @@ class PosedFile:
 STRANGER = "stranger"
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class Incomplete:
     """A shape that was posed on others by what has a counterpart on them.
 
@@ -104,7 +104,7 @@ def free_rotation(scan: str, whole: str, axis: FloatArray) -> Note:
     return Note("free-rotation", (scan,), values)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class ExtraMaterial:
     """Material of a shape that no other shape has, such as a stand, plaster or a neighbour; poses ignore it.
 
@@ -159,7 +159,7 @@ class Excluded:
     reason: str
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class Shapes:
     """The shapes that could be prepared, in the order of the folder, and the files that could not.
 
@@ -193,15 +193,9 @@ class Shapes:
 
     def some(self, chosen: Sequence[int]) -> Shapes:
         """Return some of the shapes, by position."""
+        of_shapes = ("names", "files", "digests", "keys", "samples", "cleaning", "chirality")
         return replace(
-            self,
-            names=tuple(self.names[i] for i in chosen),
-            files=tuple(self.files[i] for i in chosen),
-            digests=tuple(self.digests[i] for i in chosen),
-            keys=tuple(self.keys[i] for i in chosen),
-            samples=tuple(self.samples[i] for i in chosen),
-            cleaning=tuple(self.cleaning[i] for i in chosen),
-            chirality=tuple(self.chirality[i] for i in chosen),
+            self, **{name: tuple(getattr(self, name)[i] for i in chosen) for name in of_shapes}
         )
 
     @property
@@ -218,7 +212,7 @@ class Shapes:
         return f"{self.names[i]} - {self.names[j]}"
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class Constraints:
     """What a person has decided about the poses, by position of the shape.
 

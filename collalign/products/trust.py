@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from data_tools.arrays import FloatArray
+from data_tools.arrays import FloatArray, frozen
 
 #: Poses below this confidence are called doubtful, on the command line, in the contact sheet and in the report.
 DOUBT = 0.95
@@ -21,7 +19,7 @@ VOTES, MARGIN, COLLECTION_VOTES, LEAD, MISFIT, *_ = range(len(KINDS))
 LOCAL_MARGIN, MISMATCH, LOCAL_MISFIT, CYCLES, BLOCK_MARGIN = range(MISFIT + 1, len(KINDS))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class Trust:
     """Evidence about the poses of a collection that its poses did not make.
 

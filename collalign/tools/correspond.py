@@ -7,17 +7,15 @@ shapes (``docs/tutorials/deformable.md`` has figures of both).
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from collalign.engine.job import Job, Results, Shared, Wanted, table_of_values
 from collalign.engine.progress import progress_display
-from collalign.engine.records import to_record
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory, Session
 from collalign.engine.store import fingerprint
@@ -37,9 +35,8 @@ from collalign.registration.surface import (
 from data_tools.arrays import (
     BoolArray,
     FloatArray,
-    Holds,
     IntArray,
-    one_line,
+    frozen,
     read_only,
     rms_length,
 )
@@ -53,7 +50,7 @@ from data_tools.surface.topology import boundary_edges
 from data_tools.threads import one_blas_thread
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class DenseCorrespondence:
     """The mean surface of a collection and where each of its vertices lies on every shape. Arrays are read-only.
 
@@ -85,8 +82,6 @@ class DenseCorrespondence:
     residual: FloatArray
     quality: FloatArray
     failed: tuple[tuple[str, str], ...] = ()
-
-    __repr__ = one_line
 
     @property
     def missing(self) -> BoolArray:
@@ -171,14 +166,6 @@ NUM_MEAN_ROUNDS = 2
 MAX_MEAN_FACES = 25_000
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SourceSurface:
-    """What is registered: vertices (v, 3) and triangles (f, 3)."""
-
-    vertices: Annotated[FloatArray, Holds(shape="v 3")]
-    faces: Annotated[IntArray, Holds(shape="_ 3")]
-
-
 def correspond(
     session: Session[None],
     files: Sequence[PosedFile],
@@ -250,8 +237,8 @@ def _register_all(
     starts: Mapping[str, BothWays],
 ) -> Results[str, Registration]:
     """Return the registrations of a source to every file, by name."""
-    lent = SourceSurface(vertices=source.vertices, faces=source.faces)
-    source_key = fingerprint(REGISTERING.version, to_record(lent))
+    contents = {"vertices": source.vertices, "faces": source.faces}
+    source_key = fingerprint(REGISTERING.version, contents)
     wanted = {}
     for file in files:
         start = starts.get(file.name)
@@ -259,12 +246,12 @@ def _register_all(
             key=_key(file, source_key, start),
             label=file.name,
             arguments={
-                "source": Shared(key="0", reader=SourceSurface),
+                "source": Shared(key="0", reader=RegistrationSurface),
                 "target": file,
                 "start": start,
             },
         )
-    with table_of_values([lent]) as table:
+    with table_of_values([RegistrationSurface.from_shape(source)]) as table:
         return session.compute(
             REGISTERING, wanted, time_limit_s=session.run.shape_time_limit_s, shared=table
         )
@@ -284,14 +271,15 @@ def _key(file: PosedFile, source_key: str, start: BothWays | None) -> str:
     return REGISTERING.key(settings, file.digest, source_key)
 
 
-def register_file(source: SourceSurface, target: PosedFile, start: BothWays | None) -> Registration:
+def register_file(
+    source: RegistrationSurface, target: PosedFile, start: BothWays | None
+) -> Registration:
     """Register a source to one file, from where a map between both takes it if there is one; runs inside a worker."""
     shape, _ = posed_shape(target)
     surface = RegistrationSurface.from_shape(shape)
     if target.incomplete:
         surface = with_cloud_rim(surface)
-    first = _prepared(source.vertices.tobytes(), source.faces.tobytes())
-    bent = None
+    first, bent = source, None
     if start is not None:
         mean = Shape.from_arrays(source.vertices, source.faces, name="mean")
         bent = bent_by_map(shape, mean, goals_of(*start, stored_shape(target)))
@@ -306,17 +294,6 @@ def register_file(source: SourceSurface, target: PosedFile, start: BothWays | No
         if target.incomplete
         else found
     )
-
-
-@lru_cache(maxsize=1)
-def _prepared(vertices: bytes, faces: bytes) -> RegistrationSurface:
-    """Return what is registered, ready for it, from the bytes of its arrays; a worker keeps the last one."""
-    mean = Shape.from_arrays(
-        np.frombuffer(vertices).reshape(-1, 3),
-        np.frombuffer(faces, dtype=np.int64).reshape(-1, 3),
-        name="mean",
-    )
-    return RegistrationSurface.from_shape(mean)
 
 
 #: Registers a surface. The version changes whenever the same surfaces would give another registration.

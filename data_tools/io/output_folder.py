@@ -19,11 +19,15 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from data_tools.errors import InputError, printable
 from data_tools.io.files import open_regular, read_text, resolved, system_reason, write_atomic
 from data_tools.io.locks import LockFile
+from data_tools.io.text_tables import csv_text
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 #: Folder, inside of an output folder, that holds the manifest, the lock and what is not finished yet.
 BOOKS = ".collalign"
@@ -152,6 +156,20 @@ class OutputFolder:
         """Return where to write an output for now; its folder exists."""
         path = output_path(self.staging, *parts)
         path.parent.mkdir(parents=True, exist_ok=True)
+        return path
+
+    def stage_text(self, text: str, *parts: str) -> Path:
+        """Stage a text in UTF-8, in which names of files that are no text are escaped."""
+        return write_atomic(self.stage(*parts), text.encode("utf-8", "backslashreplace"))
+
+    def stage_table(self, rows: Iterable[Iterable[object]], *parts: str) -> Path:
+        """Stage a table as CSV."""
+        return self.stage_text(csv_text(rows), *parts)
+
+    def stage_picture(self, figure: Figure, *parts: str) -> Path:
+        """Stage a figure as PNG, the same bytes every time."""
+        path = self.stage(*parts)
+        figure.savefig(path, format="png", metadata={"Software": None})
         return path
 
     def published(self, staged: Path) -> Path:

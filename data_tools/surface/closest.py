@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.arrays import BoolArray, FloatArray, IntArray, frozen
 
 if TYPE_CHECKING:
     from data_tools.surface.triangle_tree import TriangleTree
@@ -18,7 +17,7 @@ if TYPE_CHECKING:
 BEYOND_RIM, FAR = 0.05, 0.25
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class SurfacePoints:
     """Places on a surface.
 

@@ -59,7 +59,13 @@ def exact_maps(planted, *, names=NAMES):
         wrong = rng.random(len(own)) < 0.05
         own[wrong] = rng.permutation(own)[wrong]
         on_reference.append(own)
-    return VertexMaps(names=names, reference=NAMES[0], places=tuple(on_reference))
+    return VertexMaps(
+        names=names,
+        reference=NAMES[0],
+        places=tuple(on_reference),
+        confidence=np.ones(len(names)),
+        vertex_confidence=tuple(np.ones(len(own)) for own in on_reference),
+    )
 
 
 def with_maps(result, maps, to):
@@ -119,7 +125,11 @@ def test_shapes_without_maps_are_registered_from_their_poses(result, planted, tm
 
 def test_maps_of_other_files_are_refused(result, planted, tmp_path, run):
     maps = exact_maps(planted)
-    fewer = replace(maps, places=tuple(own[:-1] for own in maps.places))
+    fewer = replace(
+        maps,
+        places=tuple(own[:-1] for own in maps.places),
+        vertex_confidence=tuple(own[:-1] for own in maps.vertex_confidence),
+    )
     with pytest.raises(CollalignError, match=r"its maps are of \d+ vertices"):
         collalign.maps.dense_correspondence(
             with_maps(result, fewer, tmp_path / "fewer"), run=run, progress=False

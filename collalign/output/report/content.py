@@ -129,10 +129,7 @@ def _place(at: int, colours: NDArray[np.uint8]) -> dict[str, Any] | None:
     """Return the mesh in the colours of a shape's places, and the share of these that is expected to be right."""
     if not len(colours):
         return None
-    return {
-        "mesh": f"place-{at}",
-        "sure": colours[:, 3].mean() / 255.0 if colours.shape[1] > 3 else None,
-    }
+    return {"mesh": f"place-{at}", "sure": colours[:, 3].mean() / 255.0}
 
 
 def _run_key(collection: CollectionData) -> str:

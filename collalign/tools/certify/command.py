@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 from cyclopts import Parameter
 
-from collalign.console.help import Flag
+from collalign.console.help import Flag, Run
 from collalign.console.interruption import resumable
 from collalign.console.messages import add_to_summary, say, say_files
 from collalign.engine.command_line import json_types
@@ -27,7 +27,6 @@ from collalign.tools.certify.result import CertifiedCollection, JointBound, shar
 from collalign.tools.certify.run import certify_collection
 from collalign.wording import note_records, note_text
 from data_tools.errors import InputError, OptionsError
-from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.source import inputs_of
 from data_tools.notes import Note
@@ -48,7 +47,7 @@ def write_certification(certified: CertifiedCollection, output: OutputFolder) ->
         If somebody else's file is in the way; nothing has been written then.
     """
     record, joint = json_types(certification_record(certified)), certified.joint
-    write_atomic(output.stage(JSON_FILE), json.dumps(record, indent=1).encode())
+    output.stage_text(json.dumps(record, indent=1), JSON_FILE)
     np.savez_compressed(
         output.stage(PROOF_FILE),
         members=certified.members,
@@ -175,7 +174,7 @@ def certify(
     shapes: Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative=())] = (),
     budget_s: float | None = None,
     verify: Flag = False,
-    run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
+    run: Run = RunOptions(),  # noqa: B008
 ) -> int:
     """Prove how much cheaper any other consistent arrangement of a result's shapes could be at most.
 

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from cyclopts import Parameter
 
 from collalign.console.help import Excluded, Flag
 from collalign.console.messages import say_files, warn
-from collalign.output.loading import load
-from collalign.tools.export.run import FORMATS, Space, export_notes, usual_space
+from collalign.tools.export.run import FORMATS, Space, notes_of_export
 from collalign.tools.export.run import export as write_export
-from collalign.wording import note_text
-from data_tools.names import known_names
 
 
 def export(
@@ -47,18 +44,19 @@ def export(
         Write only the surest shapes, as many as let expect this share of right poses: 0.99, for instance. The others
         are in left_out.csv.
     include_doubtful
-        Let shapes count in means, distances and superimpositions whose pose is in doubt, and incomplete ones.
+        Superimpose shapes whose pose is in doubt, and incomplete ones, too.
     """
-    collection = load(result)
-    left_out = tuple(known_names("exclude", exclude, collection.names).values())
-    who: dict[str, Any] = {
-        "exclude": left_out,
-        "right": right,
-        "include_doubtful": include_doubtful,
-    }
-    paths = write_export(collection, format, to, space=space, sources=sources, **who)
-    space = usual_space(format) if space is None else space
-    for note in export_notes(collection, format, space, **who):
-        warn(note_text(note))
+    paths = write_export(
+        result,
+        format,
+        to,
+        space=space,
+        sources=sources,
+        exclude=exclude,
+        right=right,
+        include_doubtful=include_doubtful,
+    )
+    for line in notes_of_export(to, format):
+        warn(line)
     say_files(paths)
     return 0

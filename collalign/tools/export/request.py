@@ -15,7 +15,7 @@ from collalign.output.members import Members
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.checks import check_choice
 from data_tools.errors import InputError, OptionsError
-from data_tools.io.output_folder import output_path
+from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import CoordinateSystem, declared_system, read_shape
 from data_tools.landmark_files import SemilandmarkRows
 from data_tools.notes import Note
@@ -32,8 +32,8 @@ class ExportRequest:
     Attributes
     ----------
     collection : Collection
-    folder : Path
-        Where files go for now; exists.
+    output : OutputFolder
+        Where files are staged.
     who : Members
         Whose shapes count in means, distances and superimpositions.
     space : {"aligned", "unscaled", "raw", "procrustes"}
@@ -46,7 +46,7 @@ class ExportRequest:
     """
 
     collection: Collection
-    folder: Path
+    output: OutputFolder
     who: Members
     space: Space = "aligned"
     semilandmarks: tuple[SemilandmarkRows, ...] = ()
@@ -134,15 +134,11 @@ class ExportRequest:
 
     def path(self, name: str) -> Path:
         """Return the path of one file, whose folder exists then; names that would lead elsewhere are refused."""
-        path = output_path(self.folder, *name.split("/"))
-        path.parent.mkdir(parents=True, exist_ok=True)
-        return path
+        return self.output.stage(*name.split("/"))
 
     def write(self, name: str, text: str) -> Path:
         """Write one text file with Unix line ends and return its path."""
-        path = self.path(name)
-        path.write_text(text, encoding="utf-8", errors="backslashreplace", newline="\n")
-        return path
+        return self.output.stage_text(text, *name.split("/"))
 
 
 def coordinates_note(collection: Collection, space: Space) -> Note:

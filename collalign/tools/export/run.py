@@ -27,14 +27,15 @@ from collalign.tools.export.tables import write_csv, write_parquet
 from collalign.wording import note_text
 from data_tools.checks import check_choice
 from data_tools.errors import InputError
-from data_tools.io.files import system_reason, write_atomic
+from data_tools.io.files import read_text, system_reason
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import CoordinateSystem
 from data_tools.landmark_files import SemilandmarkRows
+from data_tools.names import known_names
 from data_tools.notes import Note
 from data_tools.threads import one_blas_thread
 
-__all__ = ["FORMATS", "SCANS", "STATISTICS", "Space", "export", "export_notes", "usual_space"]
+__all__ = ["FORMATS", "SCANS", "STATISTICS", "Space", "export", "notes_of_export", "usual_space"]
 
 #: Writer of each format.
 FORMATS: dict[str, Callable[[ExportRequest], tuple[Path, ...]]] = {
@@ -104,14 +105,12 @@ def export(
     right : float, optional
         Only the shapes are written that :meth:`~collalign.Collection.select` keeps for this share of right poses.
     include_doubtful : bool
-        Let shapes whose pose is in doubt, and incomplete ones, count in what is computed of several shapes: tables of
-        means, distances and components, and all that is superimposed. They are left out of these otherwise.
+        Superimpose shapes whose pose is in doubt, and incomplete ones, too.
 
     Returns
     -------
     tuple of Path
-        The files written; ``left_out.csv`` is among them where shapes were left out or anything was computed of
-        several.
+        The files written; ``left_out.csv`` is among them where shapes were left out or superimposed.
         Beside them ``notes-FORMAT.txt`` says what a reader must know of the coordinates and of the alignment, and
         ``run-export-FORMAT.json`` is the record of command, version, date and options.
 
@@ -127,8 +126,17 @@ def export(
     check_choice("format", format, FORMATS)
     space = usual_space(format) if space is None else space
     collection = load(result, sources=sources)
-    who = _who_counts(collection, exclude, right, include_doubtful)
-    if space == "procrustes" and who.too_few(1):
+    exclude = tuple(known_names("exclude", exclude, collection.names).values())
+    who = statistics_members(
+        collection,
+        exclude=exclude,
+        right=right,
+        include_doubtful=include_doubtful,
+        include_incomplete=include_doubtful,
+    )
+    is_superimposed = space == "procrustes"
+    is_chosen = is_superimposed or bool(exclude) or right is not None
+    if is_superimposed and who.too_few(1):
         raise InputError(f"space: {who.too_few(1)}")
     folder = Path(to)
     omitted = {"excluded"} if right is None else {"excluded", LESS_SURE, "alone"}
@@ -145,31 +153,24 @@ def export(
                 collection=collection.some(np.array(written, dtype=np.int64))
                 if absent
                 else collection,
-                folder=output.staging,
+                output=output,
                 who=who,
                 space=space,
-                semilandmarks=semilandmarks if space != "procrustes" else (),
+                semilandmarks=() if is_superimposed else semilandmarks,
             )
-            if space == "procrustes":
+            if is_superimposed:
                 request = request.counted
             staged = FORMATS[format](request)
-            if _leaves_out(exclude, right) or _computes(format, space):
+            if is_chosen:
                 of_files = [one for one in who.left_out if one[0] in absent]
-                listed = who if _computes(format, space) else replace(who, left_out=tuple(of_files))
-                output.stage(LEFT_OUT_FILE).write_bytes(listed.table)
-                staged = (*staged, output.staging / LEFT_OUT_FILE)
-            said = export_notes(
-                collection,
-                format,
-                space,
-                exclude=exclude,
-                right=right,
-                include_doubtful=include_doubtful,
-            )
-            notes = "".join(f"{note_text(note)}\n" for note in said)
-            write_atomic(
-                output.stage(f"notes-{format}.txt"), notes.encode("utf-8", "backslashreplace")
-            )
+                listed = who if is_superimposed else replace(who, left_out=tuple(of_files))
+                staged = (*staged, output.stage_table(listed.table, LEFT_OUT_FILE))
+            of_format = _format_notes(collection, format, space)
+            if right is not None:
+                of_format.append(collection.select(right=right).note)
+            said = _chosen_notes(collection, who) if is_chosen else collection.notes
+            notes = "".join(f"{note_text(note)}\n" for note in (*of_format, *said))
+            output.stage_text(notes, _notes_file(format))
             decided = {
                 "result": result_place(collection, folder),
                 "space": space,
@@ -189,43 +190,23 @@ def usual_space(format: str, otherwise: Space = "aligned") -> Space:
     return "unscaled" if format in (*STATISTICS, *SCANS) else otherwise
 
 
-def export_notes(
-    collection: Collection,
-    format: str,
-    space: Space,
-    *,
-    exclude: Sequence[str] = (),
-    right: float | None = None,
-    include_doubtful: bool = False,
-) -> tuple[Note, ...]:
-    """Return what a reader of an export must know, the notes of the alignment included."""
+def notes_of_export(folder: Path, format: str) -> list[str]:
+    """Return what a reader must know of an export in a folder, the notes of the alignment included."""
+    return read_text(folder / _notes_file(format)).splitlines()
+
+
+def _notes_file(format: str) -> str:
+    return f"notes-{format}.txt"
+
+
+def _format_notes(collection: Collection, format: str, space: Space) -> list[Note]:
+    """Return what coordinates and transforms of a format are."""
     is_placed = format in (*STATISTICS, "slicer-json")
     notes = [coordinates_note(collection, space)] if is_placed else []
-    notes += [_DIRECTIONS[format]] if format in _DIRECTIONS else []
-    notes += [] if right is None else [collection.select(right=right).note]
-    if _leaves_out(exclude, right) or _computes(format, space):
-        who = _who_counts(collection, exclude, right, include_doubtful)
-        _, differences = compare_members(collection, who, collection.labels)
-        return (*notes, *who.notes, *differences, *who.not_said_by(collection.notes))
-    return (*notes, *collection.notes)
+    return notes + ([_DIRECTIONS[format]] if format in _DIRECTIONS else [])
 
 
-def _who_counts(
-    collection: Collection, exclude: Sequence[str], right: float | None, include_doubtful: bool
-) -> Members:
-    return statistics_members(
-        collection,
-        exclude=exclude,
-        right=right,
-        include_doubtful=include_doubtful,
-        include_incomplete=include_doubtful,
-    )
-
-
-def _leaves_out(exclude: Sequence[str], right: float | None) -> bool:
-    return bool(exclude) or right is not None
-
-
-def _computes(format: str, space: Space) -> bool:
-    """Return whether anything in the files depends on more than one shape."""
-    return space == "procrustes" or format == "csv"
+def _chosen_notes(collection: Collection, who: Members) -> list[Note]:
+    """Return who counts, how the others differ, and what else is said of a result."""
+    _, differences = compare_members(collection, who, collection.labels)
+    return [*who.notes, *differences, *who.not_said_by(collection.notes)]

@@ -6,22 +6,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from collalign.analysis.procrustes import (
-    generalized_procrustes,
-    principal_components,
-    procrustes_distances,
-)
 from collalign.confidence.candidate_model import candidate_chances
 from collalign.output.collection import Collection
 from collalign.tools.export.request import (
     ExportRequest,
-    complete_labels,
     label_columns,
     member_columns,
 )
-from data_tools.errors import InputError, UnavailableError
+from data_tools.errors import UnavailableError
 from data_tools.io.text_tables import csv_text
 
 #: Column name to values.
@@ -29,50 +21,12 @@ Table = Mapping[str, Sequence[Any]]
 
 
 def write_csv(request: ExportRequest) -> tuple[Path, ...]:
-    """Write every table as ``NAME.csv``."""
+    """Write ``shapes.csv`` and ``landmarks.csv``, the latter in the space asked for."""
+    tables = {"shapes": shape_columns(request), "landmarks": landmark_columns(request)}
     return tuple(
         request.write(f"{name}.csv", csv_text([table, *zip(*table.values(), strict=True)]))
-        for name, table in result_tables(request).items()
+        for name, table in tables.items()
     )
-
-
-def result_tables(request: ExportRequest) -> dict[str, Table]:
-    """Return all tables of a result.
-
-    ``shapes`` (pose, size, confidence, why it does not count, labels), ``landmarks`` (long form, in the space asked
-    for) have rows of all shapes. Of those who count are ``consensus`` (means of landmarks),
-    ``procrustes_distances``, and where they have enough landmarks in common ``procrustes_coordinates`` (a row per
-    shape, columns L1_x, L1_y, ...: ``geomorph::arrayspecs`` makes an array of it) and ``principal_components``.
-    """
-    counted = request.counted
-    tables: dict[str, Table] = {
-        "shapes": shape_columns(request),
-        "landmarks": landmark_columns(request),
-    }
-    if not len(counted.collection):
-        return tables
-    tables |= {"consensus": _consensus(counted), "procrustes_distances": _distances(counted)}
-    try:
-        common = complete_labels(counted.collection)
-    except InputError:
-        return tables
-    superimposed = generalized_procrustes(counted.collection.aligned_landmarks[:, common])
-    labels = [
-        f"{counted.collection.landmark_names[at]}_{axis}"
-        for at in np.flatnonzero(common)
-        for axis in "xyz"
-    ]
-    flat = superimposed.reshape(len(superimposed), -1)
-    names = list(counted.collection.names)
-    tables["procrustes_coordinates"] = {"name": names} | dict(
-        zip(labels, flat.T.tolist(), strict=True)
-    )
-    if len(names) > 1:
-        scores = principal_components(superimposed).scores
-        tables["principal_components"] = {"name": names} | {
-            f"PC{at + 1}": s.tolist() for at, s in enumerate(scores.T)
-        }
-    return tables
 
 
 def shape_columns(request: ExportRequest) -> Table:
@@ -111,23 +65,6 @@ def landmark_columns(request: ExportRequest) -> Table:
         "y": y,
         "z": z,
     }
-
-
-def _consensus(request: ExportRequest) -> Table:
-    """Return the mean of every landmark over the shapes that have it, in the space asked for."""
-    labels, coordinates = request.landmarks()
-    known = np.asarray(~np.isnan(coordinates).any(axis=2))
-    counts = known.sum(axis=0)
-    totals = np.where(known[..., None], coordinates, 0.0).sum(axis=0)
-    means = np.where(counts[:, None] > 0, totals / np.maximum(counts, 1)[:, None], np.nan)
-    x, y, z = means.T.tolist()
-    return {"landmark": list(labels), "shapes": counts.tolist(), "x": x, "y": y, "z": z}
-
-
-def _distances(request: ExportRequest) -> Table:
-    distances = procrustes_distances(request.collection.aligned_landmarks)
-    columns = dict(zip(request.collection.names, distances.T.tolist(), strict=True))
-    return {"": list(request.collection.names)} | columns
 
 
 #: Rows that a reader gets at a time.

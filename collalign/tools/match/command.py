@@ -30,10 +30,9 @@ from collalign.tools.match.rigid import RigidMatch, match_rigid, with_mirror_sco
 from collalign.wording import note_records, note_text
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError, OptionsError
-from data_tools.io.files import readable_stem, write_atomic
+from data_tools.io.files import readable_stem
 from data_tools.io.output_folder import OutputFolder, refuse_overlap
 from data_tools.io.shapes import read_alike, read_shape, write_ply
-from data_tools.io.text_tables import csv_text
 from data_tools.landmark_files import Landmarks
 from data_tools.notes import Note, percent
 from data_tools.options import CleaningOptions
@@ -70,15 +69,12 @@ def stage_match(
     point_map = vertices_map(found.point_map_target_source, left, right)
     confidence = at_vertices(np.append(found.vertex_confidence, np.nan), right)
     figure = match_figure(left, right, point_map, confidence, title=found.summary)
-    figure.savefig(output.stage("map.png"), format="png", metadata={"Software": None})
+    output.stage_picture(figure, "map.png")
     of_target, of_source = transferred_colours(left, point_map)
     _write_coloured(output.stage("map_target.ply"), left, of_target)
     _write_coloured(output.stage("map_source.ply"), right, of_source, confidence=confidence)
     if placed:
-        write_atomic(
-            output.stage(LANDMARKS_FILE),
-            csv_text(carried_rows(found, (left, right), placed)).encode(),
-        )
+        output.stage_table(carried_rows(found, (left, right), placed), LANDMARKS_FILE)
 
 
 def placed_landmarks(
@@ -281,14 +277,10 @@ def _write_rigid(
 ) -> None:
     """Write the record and a picture of both shapes in one pose, equal colours where they lie on each other."""
     with OutputFolder.open(out, writer=WRITER) as output:
-        output.stage("match.json").write_text(
-            json.dumps(found.record(), indent=1), encoding="utf-8"
-        )
+        output.stage_text(json.dumps(found.record(), indent=1), "match.json")
         left, right = read_alike((target, source), cleaning)
         nearest = cKDTree(left.vertices).query(right.transformed(found.transform).vertices)[1]
-        match_figure(left, right, nearest).savefig(
-            output.stage("match.png"), format="png", metadata={"Software": None}
-        )
+        output.stage_picture(match_figure(left, right, nearest), "match.png")
         say_files(output.publish())
 
 

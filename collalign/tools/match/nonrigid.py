@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
@@ -27,10 +26,9 @@ from collalign.nonrigid.spectral_shape import SpectralShape, prepare_surface
 from collalign.output.vertex_maps import at_vertices
 from collalign.tools.match.every_vertex import vertex_maps
 from collalign.wording import note_text
-from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
+from data_tools.arrays import BoolArray, FloatArray, IntArray, frozen, read_only
 from data_tools.checks import as_options
 from data_tools.errors import InputError
-from data_tools.io.files import write_atomic
 from data_tools.io.objects import ShapeLike, as_origin
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import read_shape
@@ -44,7 +42,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class NonrigidCandidate:
     """One way to match two shapes.
 
@@ -75,7 +73,7 @@ class NonrigidCandidate:
         return "preserving" if value > 0 else "reversing"
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class NonrigidMatch:
     """The map between two shapes and what is known about it.
 
@@ -171,9 +169,8 @@ class NonrigidMatch:
         ``map_back.txt`` one for each vertex of the target. These are the point maps that pyFM (``p2p_21``, the target
         being its first mesh) and geomfum take.
         """
-        buffer = io.BytesIO()
         np.savez_compressed(
-            buffer,
+            output.stage("map.npz"),
             target_name=self.target_name,
             source_name=self.source_name,
             point_map_target_source=self.point_map_target_source,
@@ -190,13 +187,12 @@ class NonrigidMatch:
             vertex_confidence=self.vertex_confidence,
             notes=np.array([*map(note_text, self.notes)], dtype=np.str_),
         )
-        write_atomic(output.stage("map.npz"), buffer.getvalue())
-        write_atomic(output.stage("map.txt"), _lines(self.point_map_target_source))
-        write_atomic(output.stage("map_back.txt"), _lines(self.point_map_source_target))
+        output.stage_text(_lines(self.point_map_target_source), "map.txt")
+        output.stage_text(_lines(self.point_map_source_target), "map_back.txt")
 
 
-def _lines(point_map: IntArray) -> bytes:
-    return "".join(f"{index}\n" for index in point_map.tolist()).encode("ascii")
+def _lines(point_map: IntArray) -> str:
+    return "".join(f"{index}\n" for index in point_map.tolist())
 
 
 #: Maps this far from each other, in degrees, are half turns of each other.

@@ -10,6 +10,7 @@ from typing import Annotated
 import numpy as np
 from cyclopts import Parameter
 
+from collalign.console.help import Run
 from collalign.console.interruption import resumable
 from collalign.console.messages import say, say_files
 from collalign.engine.run_options import RunOptions
@@ -19,11 +20,9 @@ from collalign.products.trust import DOUBT
 from collalign.tools.stability.run import Stability, StabilityOptions, check_stability
 from collalign.wording import note_text
 from data_tools.arrays import FloatArray, IntArray
-from data_tools.html_pages import html_figure, html_table, write_html_page
-from data_tools.io.files import write_atomic
+from data_tools.html_pages import html_figure, html_table, new_figure, write_html_page
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.source import inputs_of
-from data_tools.io.text_tables import csv_text
 from data_tools.notes import listed, percent
 
 #: The command whose files these are, in the manifest of an output folder.
@@ -57,7 +56,7 @@ def write_stability(stability: Stability, output: OutputFolder) -> tuple[Path, .
     InputError
         If somebody else's file is in the way; nothing has been written then.
     """
-    write_atomic(output.stage(CSV_FILE), csv_text(_rows(stability)).encode())
+    output.stage_table(_rows(stability), CSV_FILE)
     write_stability_page(stability, draw_stability(stability), output.stage(PAGE_FILE))
     return output.publish(complete=True)
 
@@ -130,14 +129,10 @@ def least_stable(stability: Stability) -> IntArray:
 
 def draw_stability(stability: Stability) -> bytes:
     """Draw the change of every shape's pose in every repetition, the least stable shapes first, as PNG."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     chosen, num = least_stable(stability)[:_MAX_DRAWN], len(stability.repetitions)
-    figure = Figure(
+    figure = new_figure(
         figsize=(3.5 + 0.55 * num, max(3.6, 2.0 + 0.2 * len(chosen))), layout="constrained"
     )
-    FigureCanvasAgg(figure)
     axes = figure.subplots()
     axes.set_facecolor("lightgrey")
     image = axes.imshow(
@@ -192,7 +187,7 @@ def stability(
     result: Path,
     *,
     options: Annotated[StabilityOptions, Parameter(name="*")] = StabilityOptions(),  # noqa: B008
-    run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
+    run: Run = RunOptions(),  # noqa: B008
 ) -> int:
     """Repeat an alignment with other points, seeds and fewer shapes, and say which poses stay.
 

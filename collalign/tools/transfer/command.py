@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import html
 import shlex
-from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import replace as with_changes
 from pathlib import Path
@@ -15,7 +14,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from collalign.confidence.radius_model import COVERAGE
-from collalign.console.help import Flag
+from collalign.console.help import Flag, Run
 from collalign.console.interruption import INCOMPLETE, resumable
 from collalign.console.messages import add_to_summary, say, say_files, warn
 from collalign.engine.command_line import json_types
@@ -33,7 +32,7 @@ from collalign.template_landmarks.templates import (
     shape_of,
     specimen_among,
 )
-from collalign.tools.export.run import FORMATS, Space, export_notes, usual_space
+from collalign.tools.export.run import FORMATS, Space, notes_of_export, usual_space
 from collalign.tools.export.run import export as write_export
 from collalign.tools.transfer.disagreement import (
     agreement_figure,
@@ -45,10 +44,8 @@ from collalign.tools.transfer.result import CARRIED, PLACED, TransferredLandmark
 from collalign.tools.transfer.run import transfer_landmarks
 from collalign.wording import note_records, note_text
 from data_tools.errors import InputError
-from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder, refuse_overlap
 from data_tools.io.shapes import declared_system
-from data_tools.io.text_tables import csv_text
 from data_tools.landmark_tables import READABLE
 from data_tools.notes import MAX_NAMED
 
@@ -95,24 +92,19 @@ def write_transfer(
         If the folder cannot be written or files of somebody else's are in the way.
     """
     with OutputFolder.open(to, writer=_WRITER) as output:
-        staged = [_write(output.stage(TRANSFER_FILE), transfer_rows(transferred))]
-        staged.append(
-            write_atomic(output.stage(PAGE_FILE), page.encode("utf-8", "backslashreplace"))
-        )
+        staged = [output.stage_table(transfer_rows(transferred), TRANSFER_FILE)]
+        staged.append(output.stage_text(page, PAGE_FILE))
         if transferred.semilandmarks:
-            staged.append(_write(output.stage(SLIDERS_FILE), slider_table(transferred)))
-            staged.append(_write(output.stage(SURFACES_FILE), surface_table(transferred)))
+            staged.append(output.stage_table(slider_table(transferred), SLIDERS_FILE))
+            staged.append(output.stage_table(surface_table(transferred), SURFACES_FILE))
         if len(transferred.templates) > 1:
-            staged.append(_write(output.stage(AGREEMENT_TABLE), agreement_rows(transferred)))
-            text = agreement_text(transferred).encode("utf-8", "backslashreplace")
-            staged.append(write_atomic(output.stage(AGREEMENT_FILE), text))
+            staged.append(output.stage_table(agreement_rows(transferred), AGREEMENT_TABLE))
+            staged.append(output.stage_text(agreement_text(transferred), AGREEMENT_FILE))
         if any(findings(transferred)):
-            staged.append(output.stage(AGREEMENT_PICTURE))
-            agreement_figure(collection, transferred).savefig(
-                staged[-1], format="png", metadata={"Software": None}
-            )
+            picture = agreement_figure(collection, transferred)
+            staged.append(output.stage_picture(picture, AGREEMENT_PICTURE))
         if leave_one_out:
-            staged.append(_write(output.stage(LEAVE_ONE_OUT_FILE), left_out_rows(transferred)))
+            staged.append(output.stage_table(left_out_rows(transferred), LEAVE_ONE_OUT_FILE))
         write_tool_record(
             output,
             _WRITER,
@@ -208,10 +200,6 @@ def left_out_summary(transferred: TransferredLandmarks) -> str:
     return said
 
 
-def _write(path: Path, rows: Sequence[Sequence[object]]) -> Path:
-    return write_atomic(path, csv_text(rows).encode("utf-8", "backslashreplace"))
-
-
 PAGE_FILE = "landmarks.html"
 
 
@@ -298,7 +286,7 @@ def transfer(
         SemilandmarkRequest, Parameter(name="*", consume_multiple=True, negative=())
     ] = SemilandmarkRequest(),  # noqa: B008
     sources: Path | None = None,
-    run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
+    run: Run = RunOptions(),  # noqa: B008
 ) -> int:
     """Carry landmarks from the specimens that have them to all others.
 
@@ -337,10 +325,8 @@ def transfer(
         system=found.system,
         include_doubtful=written.include_doubtful,
     )
-    for note in export_notes(
-        marked, written.format, space, include_doubtful=written.include_doubtful
-    ):
-        warn(note_text(note))
+    for line in notes_of_export(written.to, written.format):
+        warn(line)
     tables = write_transfer(
         collection,
         found,

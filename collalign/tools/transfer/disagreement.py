@@ -92,8 +92,6 @@ def agreement_figure(collection: Collection, found: TransferredLandmarks) -> Fig
     found : TransferredLandmarks
         With a finding at least.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
     wrong: dict[str, dict[str, None]] = {}
     for name, label, _ in findings(found):
         wrong.setdefault(name, {})[label] = None
@@ -102,7 +100,6 @@ def agreement_figure(collection: Collection, found: TransferredLandmarks) -> Fig
     height = _ROW * (len(found.templates) + 4)
     width, total = _PANEL * max(len(shown), 2), _PANEL + height
     figure = new_figure(figsize=(width, total), dpi=110)
-    FigureCanvasAgg(figure)
     axes = figure.add_axes(
         (0.0, height / total, len(shown) * _PANEL / width, _PANEL / total),
         xlim=(0.0, len(shown)),

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from data_tools.arrays import FloatArray
+from data_tools.arrays import FloatArray, frozen
 from data_tools.io.shapes import CoordinateSystem
 from data_tools.landmark_files import SemilandmarkRows
 from data_tools.notes import Note
@@ -35,7 +33,7 @@ from data_tools.notes import Note
 )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class TransferredLandmarks:
     """Landmarks on every specimen. Arrays are read-only, lengths in the unit of each specimen's file.
 

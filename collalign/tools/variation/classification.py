@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,7 +13,7 @@ from scipy.spatial import cKDTree
 from collalign.analysis.label_table import known_label
 from collalign.analysis.procrustes import unit_size
 from collalign.output.collection import Collection
-from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
+from data_tools.arrays import BoolArray, FloatArray, IntArray, frozen, read_only
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
 from data_tools.surface.shape import Shape
@@ -30,49 +28,66 @@ NUM_CLOUD_POINTS = 400
 NUM_NEAR_SHAPES = 16
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class Classification:
     """Leave-one-out nearest-neighbour classification.
 
     Attributes
     ----------
-    accuracy : float
-        ``num_correct / num_scored``; NaN if nothing was scored.
-    num_scored, num_correct : int
-    chance : float
-        Expected accuracy of a random neighbour among the labelled shapes.
     names, labels : tuple of str
         Of all shapes; unknown labels are ``""``.
     nearest : ndarray of int, shape (N,)
         Nearest labelled shape of each labelled one, -1 for the others.
-    scored : tuple of bool
+    scored, right : ndarray of bool, shape (N,)
+        Shapes whose label another shape has as well, and those whose nearest neighbour has it.
     by_label : dict of str to (int, int)
-        Scored and correct shapes per label.
-    single_members : tuple of str
-        Labels that only one shape carries.
-    statement : str
-        How unknown labels and single members were treated, for the methods section.
+        Scored and right shapes per label.
+    chance : float
+        Expected accuracy of a random neighbour among the labelled shapes.
     """
 
-    accuracy: float
-    num_scored: int
-    num_correct: int
-    chance: float
     names: tuple[str, ...]
     labels: tuple[str, ...]
     nearest: IntArray
-    scored: tuple[bool, ...]
+    scored: BoolArray
+    right: BoolArray
     by_label: dict[str, tuple[int, int]]
-    single_members: tuple[str, ...]
-    statement: str
+    chance: float
+
+    @property
+    def num_scored(self) -> int:
+        """The number of shapes that are scored."""
+        return int(self.scored.sum())
+
+    @property
+    def num_correct(self) -> int:
+        """The number of shapes that are right."""
+        return int(self.right.sum())
+
+    @property
+    def accuracy(self) -> float:
+        """The share of scored shapes that are right; NaN if nothing was scored."""
+        return self.num_correct / self.num_scored if self.num_scored else float("nan")
+
+    @property
+    def single_members(self) -> tuple[str, ...]:
+        """Labels that only one shape carries."""
+        return tuple(label for label, (num, _) in self.by_label.items() if not num)
+
+    @property
+    def statement(self) -> str:
+        """How unknown labels and single members were treated, for the methods section."""
+        return (
+            "Leave-one-out classification by the nearest neighbour. "
+            f"{self.labels.count('')} shapes without a label were neither scored nor neighbours; "
+            f"{len(self.single_members)} shapes that are the only member of their label were not scored (they can "
+            "never be right) but kept as neighbours."
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """Return the result in JSON types, with every wrongly classified shape."""
-        wrong = [
-            self._mistake(at)
-            for at in range(len(self.names))
-            if self.scored[at] and not self._right(at)
-        ]
+        wrong = np.flatnonzero(self.scored & ~self.right).tolist()
+        names, labels = (*self.names, None), (*self.labels, None)  # where nothing is near
         return {
             "accuracy": self.accuracy if self.num_scored else None,
             "correct": self.num_correct,
@@ -83,20 +98,15 @@ class Classification:
             },
             "single_members": list(self.single_members),
             "statement": self.statement,
-            "wrong": wrong,
-        }
-
-    def _right(self, at: int) -> bool:
-        return self.nearest[at] >= 0 and self.labels[self.nearest[at]] == self.labels[at]
-
-    def _mistake(self, at: int) -> dict[str, str | None]:
-        near = int(self.nearest[at])
-        shape, predicted = (self.names[near], self.labels[near]) if near >= 0 else (None, None)
-        return {
-            "shape": self.names[at],
-            "label": self.labels[at],
-            "nearest": shape,
-            "predicted": predicted,
+            "wrong": [
+                {
+                    "shape": names[at],
+                    "label": labels[at],
+                    "nearest": names[self.nearest[at]],
+                    "predicted": labels[self.nearest[at]],
+                }
+                for at in wrong
+            ],
         }
 
     def table(self) -> str:
@@ -148,54 +158,30 @@ def classify_leave_one_out(
         raise InputError(
             f"distances: expected shape ({num}, {num}) for {num} labels, got {matrix.shape}"
         )
-    counts = Counter(value for value in values if value)
-    if sum(counts.values()) < 2:
-        raise InputError(
-            f"labels: {sum(counts.values())} shapes have a label, at least two are needed"
-        )
+    kinds, kind_of, counts = np.unique(
+        np.array(values, dtype=str), return_inverse=True, return_counts=True
+    )
     known = np.array([bool(value) for value in values])
-    nearest = _nearest(matrix, known)
-    scored = tuple(bool(value) and counts[value] > 1 for value in values)
-    by_label = _by_label(values, nearest, scored)
-    num_scored, num_correct = (sum(pair[part] for pair in by_label.values()) for part in (0, 1))
-    others = int(known.sum()) - 1
-    single_members = tuple(sorted(label for label, count in counts.items() if count == 1))
+    if known.sum() < 2:
+        raise InputError(f"labels: {known.sum()} shapes have a label, at least two are needed")
+    matrix[np.isnan(matrix) | ~known | np.eye(num, dtype=bool)] = np.inf
+    nearest = np.where(known & np.isfinite(matrix).any(axis=1), matrix.argmin(axis=1), -1)
+    alike = counts[kind_of] - 1
+    scored = known & (alike > 0)
+    right = scored & (nearest >= 0) & (kind_of[nearest] == kind_of)
     return Classification(
-        accuracy=num_correct / num_scored if num_scored else float("nan"),
-        num_scored=num_scored,
-        num_correct=num_correct,
-        chance=sum((counts[values[at]] - 1) / others for at in range(num) if scored[at])
-        / max(num_scored, 1),
-        names=tuple(names) if names is not None else tuple(str(at) for at in range(num)),
+        names=tuple(names) if names is not None else tuple(map(str, range(num))),
         labels=values,
         nearest=read_only(nearest),
-        scored=scored,
-        by_label=by_label,
-        single_members=single_members,
-        statement="Leave-one-out classification by the nearest neighbour. "
-        f"{num - int(known.sum())} shapes without a label were neither scored nor neighbours; {len(single_members)} "
-        "shapes that are the only member of their label were not scored (they can never be right) but kept as "
-        "neighbours.",
+        scored=read_only(scored),
+        right=read_only(right),
+        by_label={
+            kind: (int(scored[kind_of == at].sum()), int(right[kind_of == at].sum()))
+            for at, kind in enumerate(kinds.tolist())
+            if kind
+        },
+        chance=float(alike[scored].mean() / (known.sum() - 1)) if scored.any() else 0.0,
     )
-
-
-def _nearest(matrix: FloatArray, known: BoolArray) -> IntArray:
-    usable = np.where(np.isnan(matrix) | ~known[None, :], np.inf, matrix)
-    np.fill_diagonal(usable, np.inf)
-    reachable = known & np.isfinite(usable).any(axis=1)
-    return np.where(reachable, usable.argmin(axis=1), -1).astype(np.int64)
-
-
-def _by_label(
-    values: Sequence[str], nearest: IntArray, scored: Sequence[bool]
-) -> dict[str, tuple[int, int]]:
-    """Return scored and correct shapes of every label, in alphabetical order."""
-    found = dict.fromkeys(sorted(set(values) - {""}), (0, 0))
-    for value, near, counts in zip(values, nearest.tolist(), scored, strict=True):
-        if counts:
-            num, correct = found[value]
-            found[value] = (num + 1, correct + int(near >= 0 and values[near] == value))
-    return found
 
 
 @one_blas_thread()

@@ -9,7 +9,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from collalign.analysis.label_table import read_labels
-from collalign.console.help import Excluded, Flag
+from collalign.console.help import Excluded, Flag, Run
 from collalign.console.interruption import resumable
 from collalign.console.messages import add_to_summary, say, say_files, warn
 from collalign.engine.run_options import RunOptions
@@ -63,7 +63,7 @@ def variation(
     include_doubtful: Flag = False,
     without_posture: Flag = False,
     sources: Path | None = None,
-    run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
+    run: Run = RunOptions(),  # noqa: B008
 ) -> int:
     """Show how the surfaces of a result vary: principal components, groups, every specimen against the mean.
 

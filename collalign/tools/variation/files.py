@@ -36,10 +36,9 @@ from collalign.tools.variation.surface_variation import (
 )
 from collalign.wording import note_text
 from data_tools.arrays import FloatArray
-from data_tools.io.files import file_stems, write_atomic
+from data_tools.io.files import file_stems
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import write_ply
-from data_tools.io.text_tables import csv_text
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import vertex_normals
 
@@ -225,14 +224,13 @@ def write_variation(
     with OutputFolder.open(to, writer=_WRITER) as output:
         document, blobs = build_variation(variation, columns, landmarks, tests, symmetry, frame)
         page = render_page("Shape variation", _summary(variation), document, blobs, version=version)
-        write_atomic(output.stage(PAGE_FILE), page.encode("utf-8", "backslashreplace"))
+        output.stage_text(page, PAGE_FILE)
         write_tables(variation, columns, tests.tables, output)
         notes = "".join(f"{note_text(note)}\n" for note in variation.notes)
-        write_atomic(output.stage(NOTES_FILE), notes.encode("utf-8", "backslashreplace"))
-        write_atomic(output.stage(LEFT_OUT_FILE), who.table)
+        output.stage_text(notes, NOTES_FILE)
+        output.stage_table(who.table, LEFT_OUT_FILE)
         if variation.quality is not None:
-            rows = csv_text([QUALITY_HEADING, *variation.quality.rows])
-            write_atomic(output.stage(QUALITY_FILE), rows.encode("utf-8", "backslashreplace"))
+            output.stage_table([QUALITY_HEADING, *variation.quality.rows], QUALITY_FILE)
         write_tool_record(output, _WRITER, record)
         _write_meshes(variation, {name: columns[name] for name in tests.factors}, output)
         if symmetry is not None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import combinations
 from typing import TypedDict
 
@@ -31,11 +30,9 @@ from collalign.tools.variation.shape_model import (
     settled_columns,
 )
 from collalign.tools.variation.surface_variation import NUM_COMPONENTS, SurfaceVariation
-from data_tools.arrays import FloatArray
+from data_tools.arrays import FloatArray, frozen
 from data_tools.errors import InputError
-from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder
-from data_tools.io.text_tables import csv_text
 from data_tools.notes import Note, listed
 from data_tools.surface.outliers import odd_ratios
 
@@ -50,9 +47,11 @@ def write_tables(
 ) -> None:
     """Write scores with centroid sizes, and ``statistics/``."""
     sizes = {"centroid_size_surface": variation.centroid_sizes}
-    _csv(output, [SCORES_FILE], score_rows(variation.names, columns, variation.components, sizes))
+    output.stage_table(
+        score_rows(variation.names, columns, variation.components, sizes), SCORES_FILE
+    )
     for name, rows in tests.items():
-        _csv(output, ["statistics", f"{name}.csv"], rows)
+        output.stage_table(rows, "statistics", f"{name}.csv")
 
 
 def write_symmetry_tables(
@@ -62,9 +61,9 @@ def write_symmetry_tables(
     numbers = {"asymmetry": symmetry.asymmetry, "fluctuating": symmetry.fluctuating}
     symmetric = score_rows(names, columns, principal_components(symmetry.symmetric), {})
     asymmetric = score_rows(names, columns, principal_components(symmetry.asymmetric), numbers)
-    _csv(output, [SYMMETRY_FOLDER, "symmetric.csv"], symmetric)
-    _csv(output, [SYMMETRY_FOLDER, "asymmetric.csv"], asymmetric)
-    _csv(output, [SYMMETRY_FOLDER, "procrustes_anova.csv"], symmetry_rows(symmetry.anova))
+    output.stage_table(symmetric, SYMMETRY_FOLDER, "symmetric.csv")
+    output.stage_table(asymmetric, SYMMETRY_FOLDER, "asymmetric.csv")
+    output.stage_table(symmetry_rows(symmetry.anova), SYMMETRY_FOLDER, "procrustes_anova.csv")
 
 
 def score_rows(
@@ -113,10 +112,6 @@ def symmetry_rows(anova: Sequence[AnovaRow]) -> Rows:
     return [heading, *([one.effect, one.plain_df, *row[1:]] for one, row in rows)]
 
 
-def _csv(output: OutputFolder, path: Sequence[str], rows: Rows) -> None:
-    write_atomic(output.stage(*path), csv_text(rows).encode())
-
-
 _ANOVA_TABLE: list[object] = ["model", "sums_of_squares", "shapes", *ANOVA_HEADING]
 _PAIRS_TABLE: list[object] = [
     *("column", "first", "second", "held_constant", "distance", "Z", "P", "P_Holm"),
@@ -125,7 +120,7 @@ _PAIRS_TABLE: list[object] = [
 ]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class ShapeTests:
     """Tables of tests, each with its heading, and what a reader must know of them.
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
+from itertools import accumulate
 
 import numpy as np
-from numpy.typing import NDArray
 
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.errors import InputError
@@ -78,48 +78,38 @@ class _Header:
             for axis in "xyz"
         ):
             raise InputError(f"{path}: its points have no fields x, y and z")
-        self.sizes = [
-            kind.itemsize * count for kind, count in zip(self.kinds, self.counts, strict=True)
-        ]
+        self._axes = [self.names.index(axis) for axis in "xyz"]
+        sizes = [kind.itemsize * count for kind, count in zip(self.kinds, self.counts, strict=True)]
+        self._starts = [0, *accumulate(sizes)]  # of the fields of a point, and its end
 
     def points(self, encoding: str, body: bytes) -> FloatArray:
         """Return x, y and z of each point, shape (n, 3)."""
+        num, starts, axes = self.num_points, self._starts, self._axes
         if encoding == "ascii":
             return self._of_text(body)
-        needed = self.num_points * sum(self.sizes)
+        needed = num * starts[-1]
         if encoding == "binary":
             self._refuse_short(needed, len(body))
-            return self._of_columns(
-                [
-                    _every(
-                        body, sum(self.sizes[:at]), sum(self.sizes), self.num_points, self.kinds[at]
-                    )
-                    for at in self._axes()
-                ]
-            )
-        if encoding == "binary_compressed":
+            places = [(starts[at], starts[-1]) for at in axes]
+        elif encoding == "binary_compressed":
             stored, unpacked = (int.from_bytes(body[at : at + 4], "little") for at in (0, 4))
             self._refuse_short(stored + 8, len(body))
             if unpacked < needed:
                 raise InputError(
-                    f"{self.path}: truncated, {self.num_points} points need {needed} bytes, not {unpacked}"
+                    f"{self.path}: truncated, {num} points need {needed} bytes, not {unpacked}"
                 )
-            self._room.take(max(needed, 24 * self.num_points), "save it as binary")
-            values = self._unpacked(body[8 : 8 + stored], needed)
-            starts = [sum(self.sizes[:at]) * self.num_points for at in range(len(self.sizes))]
-            return self._of_columns(
-                [
-                    _every(values, starts[at], self.sizes[at], self.num_points, self.kinds[at])
-                    for at in self._axes()
-                ]
+            self._room.take(max(needed, 24 * num), "save it as binary")
+            body = self._unpacked(body[8 : 8 + stored], needed)
+            places = [(starts[at] * num, self.kinds[at].itemsize) for at in axes]
+        else:
+            raise InputError(
+                f"{self.path}: its data is neither ascii, binary nor binary_compressed"
             )
-        raise InputError(f"{self.path}: its data is neither ascii, binary nor binary_compressed")
-
-    def _axes(self) -> list[int]:
-        return [self.names.index(axis) for axis in "xyz"]
-
-    def _of_columns(self, columns: list[NDArray[np.generic]]) -> FloatArray:
-        return np.column_stack([column.astype(np.float64) for column in columns])
+        columns = [
+            np.ndarray((num,), self.kinds[at], body, start if num else 0, (step,))
+            for at, (start, step) in zip(axes, places, strict=True)
+        ]
+        return np.column_stack(columns).astype(np.float64)
 
     def _of_text(self, body: bytes) -> FloatArray:
         lines = [line for line in body.decode("latin-1").splitlines() if line.strip()]
@@ -133,7 +123,7 @@ class _Header:
             raise InputError(
                 f"{self.path}: a point is not the {sum(self.counts)} numbers that its header names"
             )
-        return np.ascontiguousarray(table[:, [sum(self.counts[:at]) for at in self._axes()]])
+        return np.ascontiguousarray(table[:, np.cumsum([0, *self.counts])[self._axes]])
 
     def _refuse_short(self, needed: int, found: int) -> None:
         if found < needed:
@@ -165,10 +155,3 @@ class _Header:
         if len(out) < needed:
             raise InputError(f"{self.path}: damaged, its compressed data ends early")
         return bytes(out)
-
-
-def _every(
-    data: bytes, start: int, step: int, num: int, kind: np.dtype[np.generic]
-) -> NDArray[np.generic]:
-    """Return numbers that are so many bytes apart; the caller has made sure that they are there."""
-    return np.ndarray((num,), dtype=kind, buffer=data, offset=start if num else 0, strides=(step,))

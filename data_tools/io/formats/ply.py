@@ -6,7 +6,7 @@ import re
 from array import array
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,9 @@ _TYPES = {
     "int64": "i8",
     "uint64": "u8",
 }
+_DOUBLE: np.dtype[np.generic] = np.dtype(np.float64)
+#: More values than any list has.
+_NO_LENGTH = 2**48
 _BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _INDICES = ("vertex_indices", "vertex_index", "vertex_indexes")
 _COLOURS = {"red", "diffuse_red", "r"}
@@ -53,6 +56,12 @@ class _Property:
     #: Of a list, the type of its length.
     length: np.dtype[np.generic] | None = None
 
+    @property
+    def nothing(self) -> _Column:
+        """The column of an element without rows."""
+        none = np.empty(0)
+        return none if self.length is None else (none, none.astype(np.int64))
+
 
 @dataclass(frozen=True)
 class _Element:
@@ -64,6 +73,22 @@ class _Element:
     def num_bytes(self) -> int:
         """The least that one row takes in a binary file."""
         return sum((one.length or one.kind).itemsize for one in self.properties)
+
+    @property
+    def in_doubles(self) -> _Element:
+        """The same with every number, and every length of a list, in double precision."""
+        properties = [
+            _Property(one.name, _DOUBLE, None if one.length is None else _DOUBLE)
+            for one in self.properties
+        ]
+        return _Element(self.name, self.count, properties)
+
+
+class _Found(NamedTuple):
+    """The columns of an element by name, and where each of its rows ends, in bytes."""
+
+    columns: dict[str, _Column]
+    ends: IntArray
 
 
 def read_ply(source: Source) -> RawShape:
@@ -148,53 +173,23 @@ def _text_tables(
 
 
 def _text_rows(path: Path, lines: list[str], element: _Element) -> dict[str, _Column]:
-    """Return the columns of one element in text: at once where all rows are alike, else row by row."""
+    """Return the columns of one element in text: its numbers are read like a binary body of doubles."""
     table = parse_table("\n".join(lines), num_rows=len(lines))
-    alike = None if table is None else _alike_rows(table, element)
-    if alike is not None:
-        return alike
-    found: dict[str, list[list[str]]] = {one.name: [] for one in element.properties}
-    for number, line in enumerate(lines):
-        words, at = line.split(), 0
-        for one in element.properties:
-            length = words[at] if one.length is not None and at < len(words) else ""
-            start, at = at, at + 1
-            if one.length is not None:
-                start, at = at, at + (int(length) if length.isdecimal() and len(length) < 19 else 0)
-            found[one.name].append(words[start:at])
-        if at != len(words):
-            kind = element.name if element.name in ("vertex", "face") else "element"
-            raise InputError(
-                f"{path}: {kind} {number} has {len(words)} numbers, its own counts ask for {at}"
-            )
-    columns: dict[str, _Column] = {}
-    for one in element.properties:
-        lists = found[one.name]
-        values = parse_table(" ".join(word for words in lists for word in words), num_rows=1)
-        sizes = np.array([len(words) for words in lists], dtype=np.int64)
-        flat = np.empty(0) if values is None else values.ravel()
-        if len(flat) != sizes.sum():
-            raise InputError(f"{path}: the {one.name} of an element {element.name} is not a number")
-        columns[one.name] = flat if one.length is None else (flat, sizes)
-    return columns
-
-
-def _alike_rows(table: FloatArray, element: _Element) -> dict[str, _Column] | None:
-    """Return the columns of rows whose lists are equally long, None where they are not."""
-    columns: dict[str, _Column] = {}
-    at, num = 0, len(table)
-    for one in element.properties:
-        if one.length is None:
-            columns[one.name], at = table[:, at : at + 1].ravel(), at + 1
-            continue
-        lengths = table[:, at] if at < table.shape[1] else np.array([-1.0])
-        length = float(lengths[0])
-        if not (lengths == length).all() or length < 0 or length != np.floor(length):
-            return None
-        stop = at + 1 + int(min(length, table.shape[1]))
-        columns[one.name] = table[:, at + 1 : stop].ravel(), np.full(num, stop - at - 1)
-        at = stop if stop - at - 1 == length else table.shape[1] + 1
-    return columns if at == table.shape[1] else None
+    numbers = parse_table(" ".join(lines), num_rows=1) if table is None else table
+    if numbers is None and lines:
+        raise InputError(f"{path}: an element {element.name} has a word that is no number")
+    body = b"" if numbers is None else numbers.tobytes()
+    found = _columns(body, 0, element.in_doubles)
+    widths = np.array([len(line.split()) for line in lines] if table is None else [table.shape[1]])
+    asked = np.zeros(len(lines), dtype=np.int64)
+    asked[: len(found.ends)] = np.diff(found.ends, prepend=0) // _DOUBLE.itemsize
+    wrong = np.flatnonzero(asked != widths)
+    if len(wrong):
+        kind, at = element.name if element.name in ("vertex", "face") else "element", wrong[0]
+        raise InputError(
+            f"{path}: {kind} {at} has {widths[at % len(widths)]} numbers, its own counts ask for {asked[at]}"
+        )
+    return found.columns
 
 
 def _binary_tables(
@@ -205,35 +200,41 @@ def _binary_tables(
         raise _truncated(path, needed, "bytes", len(body))
     tables, start = {}, 0
     for element in elements:
-        found = _equal_records(body, start, element)
-        tables[element.name], start = found or _records(path, body, start, element)
+        found = _columns(body, start, element)
+        tables[element.name] = found.columns
+        start = int(found.ends[-1]) if len(found.ends) else start
+        if start > len(body):
+            raise InputError(
+                f"{path}: truncated or damaged, {element.name} {len(found.ends) - 1} of {element.count} goes beyond "
+                "its end"
+            )
     return tables
 
 
-def _equal_records(
-    body: bytes, start: int, element: _Element
-) -> tuple[dict[str, _Column], int] | None:
-    """Return the columns of records that are equally long and where they end, None where they are not."""
+def _columns(body: bytes, start: int, element: _Element) -> _Found:
+    """Return the columns of an element that begins there, and where its rows end."""
+    if not element.count or not element.properties:
+        columns = {one.name: one.nothing for one in element.properties}
+        return _Found(columns, np.empty(0, dtype=np.int64))
+    return _equal_records(body, start, element) or _records(body, start, element)
+
+
+def _equal_records(body: bytes, start: int, element: _Element) -> _Found | None:
+    """Return the columns of records that are equally long, None where they are not."""
     fields: list[tuple[str, np.dtype[np.generic], tuple[int, ...]]] = []
     at = start
     for number, one in enumerate(element.properties):
-        size = None
+        shape: tuple[int, ...] = ()
         if one.length is not None:
-            size = _number(body, at, one.length)
+            shape = (_length(body, at, one.length),)
             fields.append((f"length{number}", one.length, ()))
             at += one.length.itemsize
-            if size is None or not 0 <= size * one.kind.itemsize <= len(body):
-                return None
-        fields.append((f"value{number}", one.kind, () if size is None else (size,)))
-        at += one.kind.itemsize * (1 if size is None else size)
+        at += one.kind.itemsize * sum(shape, start=not shape)
+        if at > len(body):
+            return None
+        fields.append((f"value{number}", one.kind, shape))
     kind = np.dtype(fields)
-    if not element.count or not kind.itemsize:
-        return {
-            one.name: np.empty(0) if one.length is None else _no_lists()
-            for one in element.properties
-        }, start
-    end = start + element.count * kind.itemsize
-    if end > len(body):
+    if start + element.count * kind.itemsize > len(body):
         return None
     records = np.frombuffer(body, dtype=kind, count=element.count, offset=start)
     columns: dict[str, _Column] = {}
@@ -246,26 +247,26 @@ def _equal_records(
         if (lengths != lengths[0]).any():
             return None
         columns[one.name] = values.ravel(), lengths.astype(np.int64)
-    return columns, end
+    return _Found(columns, start + kind.itemsize * np.arange(1, element.count + 1))
 
 
-def _records(path: Path, body: bytes, at: int, element: _Element) -> tuple[dict[str, _Column], int]:
-    """Return the columns of records whose lists are of different lengths, and where they end."""
+def _records(body: bytes, at: int, element: _Element) -> _Found:
+    """Return the columns of records whose lists are of different lengths; of none if one goes beyond the end."""
     starts = [array("q") for _ in element.properties]
     lengths = [array("q") for _ in element.properties]
-    for row in range(element.count):
+    ends = array("q")
+    for _ in range(element.count):
         for number, one in enumerate(element.properties):
-            size: int | None = 1
+            size = 1
             if one.length is not None:
-                size = _number(body, at, one.length)
+                size = _length(body, at, one.length)
                 at += one.length.itemsize
             starts[number].append(at)
-            lengths[number].append(size or 0)
-            if size is None or size < 0 or at + size * one.kind.itemsize > len(body):
-                raise InputError(
-                    f"{path}: truncated or damaged, {element.name} {row} of {element.count} goes beyond its end"
-                )
+            lengths[number].append(size)
             at += size * one.kind.itemsize
+        ends.append(at)
+        if at > len(body):
+            return _Found({}, np.array(ends, dtype=np.int64))
     columns: dict[str, _Column] = {}
     for number, one in enumerate(element.properties):
         sizes = np.array(lengths[number], dtype=np.int64)
@@ -276,19 +277,14 @@ def _records(path: Path, body: bytes, at: int, element: _Element) -> tuple[dict[
         )
         values = anywhere[first + within * one.kind.itemsize]
         columns[one.name] = values if one.length is None else (values, sizes)
-    return columns, at
+    return _Found(columns, np.array(ends, dtype=np.int64))
 
 
-def _number(body: bytes, at: int, kind: np.dtype[np.generic]) -> int | None:
-    """Return a whole number of a binary file, None beyond its end."""
-    taken = body[at : at + kind.itemsize]
-    if len(taken) < kind.itemsize:
-        return None
-    return int.from_bytes(taken, "big" if kind.str[0] == ">" else "little", signed=kind.kind == "i")
-
-
-def _no_lists() -> tuple[FloatArray, IntArray]:
-    return np.empty(0), np.empty(0, dtype=np.int64)
+def _length(body: bytes, at: int, kind: np.dtype[np.generic]) -> int:
+    """Return how many values a list has that begins there; more than there can be where that is no such number."""
+    found = np.frombuffer(body[at : at + kind.itemsize], dtype=np.uint8)
+    size = found.view(kind)[0] if len(found) == kind.itemsize else -1
+    return int(size) if 0 <= size < _NO_LENGTH and size == int(size) else _NO_LENGTH
 
 
 def _vertices(path: Path, table: dict[str, _Column]) -> FloatArray:
@@ -309,7 +305,7 @@ def _index_lists(
     if not isinstance(found, tuple):
         if element.count:
             raise InputError(f"{path}: an element {element.name} has no list vertex_indices")
-        return _no_lists()
+        return np.empty(0), np.empty(0, dtype=np.int64)
     return found
 
 

@@ -51,21 +51,6 @@ def test_names_need_not_fit_the_encoding_of_the_terminal(tmp_path):
     assert b"Sch\\xe4del: holds no shape file" in done.stderr
 
 
-@pytest.mark.parametrize(
-    ("typed", "written"),
-    [
-        ("verify", "certify OUT --verify"),
-        ("cite", "status OUT --cite"),
-        ("prune", "status OUT --prune"),
-        ("select", "export OUT --format FORMAT --to FOLDER --right 0.99"),
-        ("classify", "variation OUT --labels FILE --classify COLUMN"),
-    ],
-)
-def test_words_that_look_like_a_command_lead_to_the_one_that_does_it(typed, written):
-    said = run_command(typed, "OUT", ends=2)
-    assert f"there is no such command; write: collalign {written}\n" in said.err
-
-
 def test_options_of_status_and_variation_that_exclude_each_other_are_refused(tmp_path):
     said = run_command("status", tmp_path, "--cite", "--prune", ends=2)
     assert "--cite and --prune: one at a time" in said.err

@@ -20,8 +20,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import collalign
-from collalign.cli.open_command import Workspace
-from collalign.cli.open_server import served
+from collalign.cli.open_command import served
+from collalign.cli.open_workspace import Workspace
 from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.shapes import read_shape, write_mesh
@@ -174,7 +174,7 @@ def test_connections_that_say_nothing_take_few_threads_and_keep_nobody_out(serve
 
 
 def test_a_connection_that_says_nothing_for_long_is_closed(out, monkeypatch, capfd):
-    monkeypatch.setattr("collalign.cli.open_server._Quiet.timeout", 0.05)
+    monkeypatch.setattr("collalign.cli.open_command._Quiet.timeout", 0.05)
     with answering(out) as server:
         for begin in (b"", b"GET / HTTP/1.0\r\n", b"POST / HTTP/1.0\r\nContent-Length: 5\r\n\r\n"):
             with create_connection(("127.0.0.1", server.server_port), timeout=60) as silent:
@@ -196,7 +196,7 @@ def test_uploads_are_taken_in_pieces_and_up_to_a_limit(server, ask, monkeypatch)
     assert client.ask("files/labels.csv", "x", **too_long)[0] == 403
     sizes = []
     with monkeypatch.context() as patch:
-        patch.setattr("collalign.cli.open_server.TemporaryFile", lambda dir: Recording(sizes))
+        patch.setattr("collalign.cli.open_command.TemporaryFile", lambda dir: Recording(sizes))
         assert ask("files/labels.csv", before * 2**14)[0] == 200
     assert max(sizes) <= 2**16
     assert sum(sizes) == len(before) * 2**14
@@ -248,7 +248,7 @@ def test_simultaneous_requests_start_one_command(out, monkeypatch):
         except InputError as error:
             said.append(str(error))
 
-    monkeypatch.setattr("collalign.cli.open_command.Popen", popen)
+    monkeypatch.setattr("collalign.cli.open_workspace.Popen", popen)
     threads = [Thread(target=start) for _ in range(12)]
     for thread in threads:
         thread.start()
@@ -573,7 +573,7 @@ def test_a_killed_server_leaves_whole_files_and_can_be_opened_again(out, tmp_pat
     shutil.copytree(out, copy)
     script = (
         "import sys; from io import BytesIO; from pathlib import Path\n"
-        "from collalign.cli.open_command import Workspace\n"
+        "from collalign.cli.open_workspace import Workspace\n"
         "workspace = Workspace(Path(sys.argv[1])); text = 'name,kind\\n' + 'chair1,{}\\n' * 20_000\n"
         "workspace.put('labels.csv', BytesIO(text.replace('{}', 'a').encode())); print('ready', flush=True)\n"
         "while True:\n"

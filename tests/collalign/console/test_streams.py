@@ -40,7 +40,7 @@ ALIGN = (
 )
 EXPORT = ("export", "OUT", "--format", "csv", "--to", "NEW")
 #: Commands that write files, one of which comes last.
-WRITING = {ALIGN: "alignment.json", EXPORT: "consensus.csv"}
+WRITING = {ALIGN: "alignment.json", EXPORT: "landmarks.csv"}
 needs_full = pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full")
 
 

@@ -43,8 +43,6 @@ def test_every_shape_with_maps_is_drawn_in_its_colours():
         )
         assert f"mesh-place-{at}" in blobs
     assert build_content(view_of(4))[0]["places"] == []
-    older = dataclasses.replace(view, places=tuple(colours[:, :3] for colours in view.places))
-    assert build_content(older)[0]["places"][3]["sure"] is None
 
 
 def test_colours_come_back_from_the_file_and_impossible_ones_do_not(tmp_path):

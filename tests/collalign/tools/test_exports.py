@@ -12,7 +12,7 @@ import trimesh
 
 from collalign.analysis.procrustes import centroid_sizes
 from collalign.products.shapes import Incomplete
-from collalign.tools.export.run import FORMATS, export, export_notes
+from collalign.tools.export.run import FORMATS, export, notes_of_export
 from collalign.wording import note_text
 from data_tools.errors import InputError, OptionsError
 from data_tools.landmark_files import read_landmarks
@@ -21,15 +21,6 @@ from data_tools.notes import Note
 from tests.commands import read_json
 from tests.optional import optional_module
 from tests.view_problems import NUM_SAMPLES, view_of
-
-TABLES = (
-    "shapes",
-    "landmarks",
-    "consensus",
-    "procrustes_distances",
-    "procrustes_coordinates",
-    "principal_components",
-)
 
 
 @pytest.fixture
@@ -290,27 +281,13 @@ def test_without_pyarrow_parquet_says_what_to_install(view, tmp_path, monkeypatc
 
 def test_csv_tables(view, tmp_path):
     files = {path.name: path for path in export(view, "csv", tmp_path)}
-    assert set(files) == {f"{name}.csv" for name in TABLES} | {"left_out.csv"}
+    assert set(files) == {"shapes.csv", "landmarks.csv"}
     shapes = rows(files["shapes.csv"])
     T = [[float(row[f"T{a}{b}"]) for a in (1, 2, 3) for b in (1, 2, 3, 4)] for row in shapes]
     np.testing.assert_array_equal(np.array(T).reshape(-1, 3, 4), view.transforms[:, :3])
     landmarks = rows(files["landmarks.csv"])
     assert len(landmarks) == 6 * NUM_SAMPLES
     assert sum(row["x"] == "" for row in landmarks) == 4
-    consensus = rows(files["consensus.csv"])
-    sure = [0, 2, 3, 4, 5]
-    assert [int(row["shapes"]) for row in consensus] == (~np.isnan(view.landmarks[sure, :, 0])).sum(
-        axis=0
-    ).tolist()
-    mean = np.nanmean(view.aligned_landmarks[sure, 2] / view.scales[sure, None], axis=0)
-    np.testing.assert_allclose([float(consensus[2][axis]) for axis in "xyz"], mean, rtol=1e-12)
-    coordinates = rows(files["procrustes_coordinates.csv"])
-    assert len(coordinates[0]) == 1 + 3 * (NUM_SAMPLES - 3), (
-        "the fourth is missing on the doubtful shape"
-    )
-    flat = np.array([list(row.values())[1:] for row in coordinates], dtype=float).reshape(5, -1, 3)
-    np.testing.assert_allclose(flat.mean(axis=1), 0, atol=1e-12)
-    np.testing.assert_allclose(np.linalg.norm(flat, axis=(1, 2)), 1, rtol=1e-12)
 
 
 @pytest.mark.parametrize("incomplete", [(), (3,)])
@@ -337,10 +314,10 @@ def test_doubtful_and_incomplete_shapes_have_rows_but_move_nothing_that_is_compu
     computed = {name for name in tables["a"] if not name.startswith("run-")} - told
     changed = {name for name in computed if tables["a"][name] != tables["b"][name]}
     assert changed == {"shapes.csv", "landmarks.csv"}
-    for name in ("procrustes_distances.csv", "landmarks.tps", "principal_components.csv"):
-        assert [view.names[at] for at in range(6) if view.names[at] not in tables["a"][name]] == [
-            view.names[at] for at in out
-        ]
+    superimposed = tables["a"]["landmarks.tps"]
+    assert [view.names[at] for at in range(6) if view.names[at] not in superimposed] == [
+        view.names[at] for at in out
+    ]
     assert tables["a"]["left_out.csv"].splitlines()[1] == "shape_001,in doubt"
     marked = [row["left_out"] for row in rows(tmp_path / "a" / "shapes.csv")]
     assert [at for at, reason in enumerate(marked) if reason] == out
@@ -354,7 +331,6 @@ def test_doubtful_and_incomplete_shapes_have_rows_but_move_nothing_that_is_compu
     nobody = dataclasses.replace(view, confidence=np.full(6, 0.3))
     with pytest.raises(InputError, match="0 shapes are complete and sure"):
         export(nobody, "tps", tmp_path / "none", space="procrustes")
-    assert not {path.stem for path in export(nobody, "csv", tmp_path / "none")} & set(TABLES[2:])
 
 
 def test_procrustes_space_is_for_landmarks_only(view, tmp_path):
@@ -373,8 +349,9 @@ def test_who_is_excluded_is_written_nowhere_and_listed(view, tmp_path):
             f"{out},excluded by name"
             in (tmp_path / format / "left_out.csv").read_text().splitlines()
         )
-    assert any(out in note.shapes for note in export_notes(view, "tps", "raw", exclude=[out]))
-    assert not any(out in note.shapes for note in export_notes(view, "tps", "raw"))
+    assert any(out in line for line in notes_of_export(tmp_path / "tps", "tps"))
+    export(view, "tps", tmp_path / "all", space="raw")
+    assert not any(out in line for line in notes_of_export(tmp_path / "all", "tps"))
     with pytest.raises(InputError, match="nobody"):
         export(view, "tps", tmp_path, exclude=["nobody"])
 
@@ -390,9 +367,9 @@ def test_only_the_surest_shapes_are_written_and_the_others_are_listed(view, tmp_
         assert {*left_out.values()} == {"less sure than the share of right poses asks for"}
     meshes = export(view, "ply", tmp_path / "ply", right=0.996)
     assert sorted(path.stem for path in meshes) == sorted([*kept, "left_out"])
-    said = {note.code: note for note in export_notes(view, "ply", "aligned", right=0.996)}
-    assert said["selected"].values["kept"] == 3
-    assert "selected" not in {note.code for note in export_notes(view, "ply", "aligned")}
+    (said,) = (line for line in notes_of_export(tmp_path / "ply", "ply") if "3 of 6" in line)
+    export(view, "ply", tmp_path / "every")
+    assert said not in notes_of_export(tmp_path / "every", "ply")
     export(view, "ply", tmp_path / "more", right=0.8)
     left_out = {row["name"] for row in rows(tmp_path / "more" / "left_out.csv")}
     written = {path.stem for path in (tmp_path / "more").glob("*.ply")}
@@ -410,7 +387,6 @@ def test_too_few_common_landmarks_are_refused_with_advice(view, tmp_path):
     partial = dataclasses.replace(view, landmarks=samples)
     with pytest.raises(InputError, match="exist on every shape"):
         export(partial, "shapeworks", tmp_path)
-    assert "procrustes_coordinates" not in {path.stem for path in export(partial, "csv", tmp_path)}
 
 
 def test_unknown_formats_and_spaces_are_refused(view, tmp_path):

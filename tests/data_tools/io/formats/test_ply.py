@@ -195,8 +195,15 @@ def test_the_format_must_be_known():
 
 
 def test_words_that_are_no_numbers_are_refused():
-    with pytest.raises(InputError, match="the y of an element vertex is not a number"):
+    with pytest.raises(InputError, match="an element vertex has a word that is no number"):
         read(ply("ascii", [("vertex", 2, XYZ)], b"1 2 3\n4 five 6\n"))
+
+
+@pytest.mark.parametrize("rows", ["3 0 1 2\n3 0 1\n", "3 0 1 2\n3 0 1 2 0\n", "3 0 1 2 0\n2 0\n"])
+def test_lines_of_other_lengths_than_they_say_are_refused(rows):
+    body = b"1 2 3\n4 5 6\n7 8 9\n" + rows.encode()
+    with pytest.raises(InputError, match=r"face \d has \d numbers, its own counts ask for"):
+        read(ply("ascii", [("vertex", 3, XYZ), ("face", 2, CORNERS)], body))
 
 
 def test_the_case_of_a_whole_file(tmp_path, mesh):
