@@ -29,6 +29,11 @@ if TYPE_CHECKING:
 
 #: SQLite file of finished measurements, from the folder that they are started in.
 STORE = Path(".cache/experiments.sqlite")
+#: Options of small alignments in quick runs.
+QUICK_OPTIONS: dict[str, Any] = {
+    "maps": "never",
+    "sampling": {"num_points": 32, "num_dense_points": 200},
+}
 Draw: TypeAlias = "Callable[[Figure], None]"
 
 

@@ -52,6 +52,7 @@ def describe_versions() -> str:
     return ", ".join(found)
 
 
+@functools.cache
 def code_digest(root: Path) -> str:
     """Return twelve hexadecimal digits that change with the product's code, and with no comment or docstring.
 

@@ -45,28 +45,31 @@ def test_check_pose_rejects_wrong_poses(rng):
         rng.random((5, 3)), rng.random((4, 3)), allowed=np.arange(5)[:, None] != np.arange(4)
     )
     best = brute_force(problem)
-    pose = (best.rotation, best.point_map, best.energy)
-    mirror, own, twice = np.diag([-1.0, 1.0, 1.0]), np.arange(4), best.point_map[[0, 0, 2, 3]]
-    assert "not orthogonal" in str(check_pose(problem, 1.01 * pose[0], *pose[1:]))
-    assert "reflection" in str(check_pose(problem, mirror @ pose[0], *pose[1:]))
-    assert "injective" in str(check_pose(problem, pose[0], twice, pose[2]))
-    assert "allowed" in str(check_pose(problem, pose[0], own, pose[2]))
-    assert "energy" in str(check_pose(problem, pose[0], pose[1], 0.99 * pose[2]))
+    pose, own, energy = best.rotation, best.point_map, best.energy
     diagonal = Problem.from_user(problem.target, problem.source, rotation_pattern=0)
-    assert "pattern" in str(check_pose(diagonal, *pose))
+    for reason, *wrong in (
+        ("not orthogonal", problem, 1.01 * pose, own, energy),
+        ("reflection", problem, np.diag([-1.0, 1.0, 1.0]) @ pose, own, energy),
+        ("injective", problem, pose, own[[0, 0, 2, 3]], energy),
+        ("allowed", problem, pose, np.arange(4), energy),
+        ("energy", problem, pose, own, 0.99 * energy),
+        ("pattern", diagonal, pose, own, energy),
+    ):
+        assert reason in str(check_pose(*wrong))
 
 
 def test_check_relaxation_rejects_wrong_solutions(rng):
     problem = Problem.from_user(rng.random((4, 3)), rng.random((4, 3)))
     result = solve_pm_sdp(problem, solver="clarabel")
     assert check_relaxation(problem, result, 1e-5) == []
-    assert "PSD" in str(check_relaxation(problem, replace(result, C=0.9 * result.C), 1e-5))
-    assert "C does not" in str(check_relaxation(problem, replace(result, C=1.01 * result.C), 1e-5))
-    assert "stochastic" in str(check_relaxation(problem, replace(result, X=1.01 * result.X), 1e-5))
-    assert "value" in str(
-        check_relaxation(problem, replace(result, value=0.9 * result.value), 1e-5)
-    )
-    assert "hull" in str(check_relaxation(problem, replace(result, R=-np.eye(3)), 1e-5))
+    for reason, wrong in (
+        ("PSD", {"C": 0.9 * result.C}),
+        ("C does not", {"C": 1.01 * result.C}),
+        ("stochastic", {"X": 1.01 * result.X}),
+        ("value", {"value": 0.9 * result.value}),
+        ("hull", {"R": -np.eye(3)}),
+    ):
+        assert reason in str(check_relaxation(problem, replace(result, **wrong), 1e-5))
     masked = Problem.from_user(problem.target, problem.source, allowed=result.X.max() > result.X)
     assert "allowed" in str(check_relaxation(masked, result, 1e-5))
 

@@ -13,8 +13,7 @@ from data_tools.poses import AGREE_DEG, pose_angle_deg
 #: other shape.
 MISSING_SHARE, BEYOND = 0.085, 0.2
 #: Sizes are searched up to so many deviations from the complete shapes', of which the next is the least (as a
-#: logarithm), and the last the one up to which they say anything: SHREC07's classes, skulls and generated bones have
-#: .02 to .12, teeth .3.
+#: logarithm), and the last the one up to which they say anything.
 KNOWN_SIZES = (2.5, 0.03, 0.2)
 #: Weights of the three kinds of evidence of a pose. Fitted by ``python -m experiments calibrate fragments``.
 PIECE_WEIGHTS = (5.5, 28.3, 5.7)

@@ -8,17 +8,14 @@ import numpy as np
 
 from data_tools.arrays import FloatArray
 
-#: Weight of the logarithm of the stretch, chosen on the 40 pairs of SHREC07's ants and glasses on which maps are
-#: published: .5 to 1 choose the same candidates, of mean error .139 and .091; .25 .162 and .122, 0 .167 and .092.
+#: Weight of the logarithm of the stretch.
 STRETCH_WEIGHT = 0.5
 #: Floor of a disagreement inside its logarithm.
 FLOOR = 1e-3
 #: Weights of the logarithms of what the best pose leaves, beside 1 for commutativity and roughness: their ratios in
-#: ``CANDIDATE_WEIGHTS`` of ``candidate_model.py``, which were fitted on other pairs. Normals of 1.8 with average
-#: geodesic distances choose maps of 67 pairs of seven kinds that err .083 instead of .109, but turn two of 69 bodies.
+#: ``CANDIDATE_WEIGHTS`` of ``candidate_model.py``.
 NORMALS_WEIGHT, SURFACE_WEIGHT = 0.8, 0.5
-#: Weight of the logarithm of what does not fit across limbs. 20 pairs of humans and armadillos err .280 with 0, .125
-#: with 2, .111 with 3 and .130 with 4.
+#: Weight of the logarithm of what does not fit across limbs.
 LIMB_WEIGHT = 3.0
 #: A point is in place within this distance of its true place, in units of sqrt(area). A map is right if its points
 #: are nearer in the mean.
@@ -29,8 +26,7 @@ LEAST_AGREEMENT = 0.02
 #: whether a candidate is right (``python -m experiments calibrate maps``).
 MAP_WEIGHTS, MAP_CONSTANT = (5.8, 0.7, 1.7), -7.7
 #: Weights of the logarithm of agreement at a point, of the negative logarithm of the distance at which it comes back,
-#: and of the log-odds of the whole map, and the constant, fitted on 20 of these pairs. On all 153, points of chosen
-#: maps that are in place rank above others in 89 %; stated and right differ by .03.
+#: and of the log-odds of the whole map, and the constant.
 POINT_WEIGHTS, POINT_CONSTANT = (1.75, 0.2, 0.3), 1.65
 #: No confidence is stated beyond this, and none beyond the other where nothing tells left from right.
 MOST_CONFIDENT_MAP, WITHOUT_SIDES = 0.99, 0.5

@@ -42,14 +42,12 @@ POSE_WEIGHTS = np.array([AGREEMENT_WEIGHT, MARGIN_WEIGHT, LOCAL_WEIGHT, LEAD_WEI
 #: only if the local margin is at least the last number.
 LIMIT_WEIGHTS, MOST_CYCLES, LEAST_LOCAL = np.array([2.8, 0.3, 3.0]), 5.0, 0.26
 #: A rival whose excess is below this, and over which the lead is below that, is as good as the reported pose: half
-#: turns of boxes, cylinders and spheres, over which no pair leads at all. Of other shapes that dense points leave
-#: undecided, those whose pairs lead by more are right in 97 %.
+#: turns of boxes, cylinders and spheres.
 TIED, TIED_LEAD = 0.02, 1.0
 #: Turns after which the shapes of a part cost so little more, on average over them, and over which their pairs lead
 #: by less than :data:`TIED_LEAD`, leave the part as it is.
 ALIKE = 0.04
-#: The mismatch of a shape's neighbourhoods with its own after such a turn: up to .40 for boxes, cubes, cylinders and
-#: stars of 1200 vertices, .43 for the eight legs of spiders, whose thin limbs dense points miss.
+#: The mismatch of a shape's neighbourhoods with its own after such a turn, at most.
 ALIKE_MISMATCH = 0.41
 #: A shape resembles no other where the mismatch with its most similar partner (1 is chance) exceeds the first,
 #: after a share of its misfit was added: that is the log of the mismatch over the median shape's, which exceeds the
@@ -131,9 +129,7 @@ def limited(evidence: FloatArray, chances: FloatArray) -> tuple[FloatArray, tupl
     * ``block``: a block of shapes may be rotated as one. No more than :data:`LIMIT_WEIGHTS` say, which see how few
       shapes there are, whether their pairs contradict each other, and what tells the block's poses apart.
     * ``misfit``: it exceeds twice the margin, so that how badly the shape fits outweighs what tells its poses apart.
-      Its pairs may all say the same, but they compare what hardly compares. Of 1491 shapes of 184 runs over 22
-      collections at .95 or more by the weights alone 42 were such, 9 of them wrong, of the others 1.0 %; chosen among
-      seven rules on 12 of these collections, where the wrong ones were two shapes, drawn often.
+      Its pairs may all say the same, but they compare what hardly compares.
     * ``few-shapes``: neither cycles nor neighbourhoods tell poses apart.
 
     The last three leave half of what a chance has above :data:`UNCERTAIN`.

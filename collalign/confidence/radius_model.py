@@ -21,12 +21,10 @@ _LEAST_DISTANCE, _LEAST_RESIDUAL = 1e-3, 2e-4
 #: radii. Variations below it are below those that radii of few templates were fitted to: errors are the hand's.
 LEAST_RANGE = 0.05
 #: What radii and ellipsoids of few templates follow says no more below these: hold, which has its own least, and
-#: lengths in parts of the variation. That of slip was chosen without the long bones, where a smooth shaft lets
-#: nothing slip.
+#: lengths in parts of the variation.
 LEAST_SHOWN, LEAST_SHOWN_HELD = (0.0, 0.25, 0.01, 0.01), (0.02, 0.01, 0.01)
 #: Of one, two and three templates: a factor, and powers of hold, slip, misfit and spread. ``python -m experiments
-#: calibrate few_radii`` fits them to molars, mouse skulls, long bones, teddies, planes and birds, so that radii hold
-#: nine of ten errors of each. ``results/radii.md`` has what they hold of a kind that is left out.
+#: calibrate few_radii`` fits them, so that radii hold nine of ten errors of each kind.
 OF_FEW = (
     (3.8, -0.45, 0.55, 0.67, 0.0),
     (2.05, -0.42, 0.66, 0.53, 0.02),

@@ -10,11 +10,7 @@ which bending hardly changes. Two bilateral bodies have a score near 0 in any po
 a negative one. It is too noisy to name the side of each molar, but tells whether the sides that fits find are real,
 and names the sides of strongly chiral shapes by itself.
 
-The thresholds of fits were set on molars of both sides, of one side, and with single mirrored specimens, and on
-chairs, glasses, ants, teddies, human bodies and skull landmarks, in random subsets of 6 to 116 shapes, and on
-generated crowns; ``python -m experiments calibrate sides`` tries others on subsets of 24 shapes of most of these.
-There they score .995, of 1 for right verdicts alone. No other value of one of them scores more than .996, and chosen
-without the collection that is judged none more than .9954.
+``python -m experiments calibrate sides`` tries other thresholds of fits.
 """
 
 from __future__ import annotations
@@ -39,7 +35,7 @@ LEAST_CONFIRMED, MOST_CONTRADICTED = 1.1e-4, 0.04
 #: first, or where the sides that surfaces support best agree at least by the second.
 LEAST_OPEN, LEAST_OPEN_ALONE = 1.85e-4, 6e-4
 #: Two sides of one kind fit each other, one of them mirrored or not, up to so many times as badly as each side fits
-#: itself. Nine sets of crowns, bent figures and quadrupeds had .8 to 1.2; blobs and figures in one folder had 30.
+#: itself.
 MOST_BETWEEN = 2.0
 #: Surfaces name the sides alone where the support of every shape is at least the first. They are in doubt where one
 #: place of 15 % of the area tells the second share of them, in the median shape.

@@ -19,6 +19,7 @@ from collalign.stages.kinds.find import find_kinds
 from collalign.stages.kinds.grouping import FEWEST_OF_KIND
 from collalign.stages.kinds.plan import read_all_kinds
 from data_tools.arrays import IntArray
+from data_tools.checks import as_options
 from data_tools.io.objects import list_shapes
 from experiments.clock import stopwatch
 from experiments.collections.landmarked import CLASSES, MORE_CLASSES, read_dataset
@@ -27,7 +28,7 @@ from experiments.collections.scoreboard import Drawn, compare
 from experiments.confidence.families import FAMILIES, Family, pose_family
 from experiments.confidence.reliability import SURE
 from experiments.datasets import Dataset, read_canonical_class, read_truth_folder
-from experiments.experiment import Bench, Cell, Experiment, Outcome
+from experiments.experiment import QUICK_OPTIONS, Bench, Cell, Experiment, Outcome
 from experiments.generated.assembled import CLASSES as ASSEMBLED
 from experiments.generated.assembled import assembled_objects
 from experiments.peers.capod import AXES
@@ -177,15 +178,21 @@ def judge(aligned: Collection, drawn: DrawnKinds) -> Record:
 def measure_mixture(cell: Cell) -> Record:
     """Align one draw of a mixture by default.
 
-    Settings: ``set``, ``draw`` and ``code`` (:func:`experiments.provenance.code_digest`). Returns what :func:`judge`
-    does, and ``processor_s``.
+    Settings: ``set``, ``draw``, ``options`` and ``code`` (:func:`experiments.provenance.code_digest`). Returns what
+    :func:`judge` does, and ``processor_s``.
     """
     name, draw = cell.settings["set"], cell.settings["draw"]
     rng = np.random.default_rng([draw, *name.encode()])
     with tempfile.TemporaryDirectory() as text:
         drawn = draw_kinds(MIXTURES[name], cell.data, Path(text), rng)
         with stopwatch() as elapsed:
-            aligned = align_collection(text, recursive=True, run=RunOptions(jobs=1), progress=False)
+            aligned = align_collection(
+                text,
+                recursive=True,
+                options=cell.settings["options"],
+                run=RunOptions(jobs=1),
+                progress=False,
+            )
     return {**judge(aligned, drawn), "processor_s": elapsed.processor_s}
 
 
@@ -195,7 +202,8 @@ def measure_single(cell: Cell) -> Record:
     rng = np.random.default_rng([draw, *name.encode()])
     with tempfile.TemporaryDirectory() as text:
         posed = SINGLES[name](cell.data, Path(text), rng)
-        with Session.open(AlignOptions(), RunOptions(jobs=1), None) as session:
+        options = as_options("options", cell.settings["options"], AlignOptions, {})
+        with Session.open(options, RunOptions(jobs=1), None) as session:
             session, shapes = read_all_kinds(session, list_shapes(text), {})
             found = find_kinds(session, shapes)
     return {"shapes": len(posed.names), "found": 1 if found is None else found.num}
@@ -270,12 +278,13 @@ def measure(bench: Bench) -> Outcome:
     """Measure all draws of all sets; with ``--quick`` one draw of the seats and of one class."""
     mixtures = ["seats"] if bench.quick else [*MIXTURES]
     singles = ["guitar"] if bench.quick else [*SINGLES]
-    draws, code = range(1 if bench.quick else NUM_DRAWS), code_digest(ROOT)
+    draws = range(1 if bench.quick else NUM_DRAWS)
+    settings = {"options": QUICK_OPTIONS if bench.quick else {}, "code": code_digest(ROOT)}
     bench.seeds.update(draws)
 
     def cells(names: list[str]) -> dict[str, dict[str, Any]]:
         return {
-            f"{name}, draw {draw}": {"set": name, "draw": draw, "code": code}
+            f"{name}, draw {draw}": {"set": name, "draw": draw, **settings}
             for draw in draws
             for name in names
         }

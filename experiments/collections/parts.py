@@ -15,7 +15,7 @@ from data_tools.surface.shape import Shape
 from experiments.clock import stopwatch
 from experiments.collections.scoreboard import FIGURES, Drawn, compare, figures_of
 from experiments.confidence.families import BASES, EASY_RMS, Family, copies, pose_family
-from experiments.experiment import Bench, Cell, Experiment, Outcome
+from experiments.experiment import QUICK_OPTIONS, Bench, Cell, Experiment, Outcome
 from experiments.pairs.incomplete import without_share
 from experiments.provenance import ROOT, code_digest
 from experiments.tables import Column, Row, Table
@@ -52,14 +52,18 @@ def cut_family(base: str, cut: str) -> Family:
 
 
 def measure_reading(cell: Cell) -> Record:
-    """Align one draw; settings ``base``, ``cut``, ``draw`` and ``reading``, figures of the scoreboard."""
-    base, cut, draw = (cell.settings[key] for key in ("base", "cut", "draw"))
+    """Align one draw and return the figures of the scoreboard.
+
+    Settings: ``base``, ``num``, ``cut``, ``draw``, ``reading``, ``options`` and ``code``.
+    """
+    base, num, cut, draw = (cell.settings[key] for key in ("base", "num", "cut", "draw"))
     rng = np.random.default_rng([draw, *base.encode(), *cut.encode()])
     with tempfile.TemporaryDirectory() as text:
-        posed = pose_family(cut_family(base, cut), NUM_SHAPES, Path(text), rng)
+        posed = pose_family(cut_family(base, cut), num, Path(text), rng)
         with stopwatch() as elapsed:
             aligned = align_collection(
                 text,
+                options=cell.settings["options"],
                 incomplete=READINGS[cell.settings["reading"]],
                 run=RunOptions(jobs=1),
                 progress=False,
@@ -87,11 +91,12 @@ SINGLE_COLUMNS = (Column(key="run", title="collection"), *_FIGURES)
 
 
 def measure(bench: Bench) -> Outcome:
-    """Measure all draws; with ``--quick`` one of one family, cut in one way."""
+    """Measure all draws; with ``--quick`` a small one of one family, cut in one way."""
     bases = ["crowns"] if bench.quick else [*BASES]
     cuts = ["all, a quarter"] if bench.quick else [*CUTS]
     draws = range(FIRST_DRAW, FIRST_DRAW + (1 if bench.quick else NUM_DRAWS))
-    code = code_digest(ROOT)
+    settings = {"num": 4 if bench.quick else NUM_SHAPES, "code": code_digest(ROOT)}
+    settings["options"] = QUICK_OPTIONS if bench.quick else {}
     bench.seeds.update(draws)
     cells = {
         f"{base}: {cut}, {reading}, draw {draw}": {
@@ -99,7 +104,7 @@ def measure(bench: Bench) -> Outcome:
             "cut": cut,
             "draw": draw,
             "reading": reading,
-            "code": code,
+            **settings,
         }
         for draw in draws
         for base in bases

@@ -9,13 +9,12 @@ import collalign
 from collalign import AlignOptions, RunOptions, align_collection, load
 from collalign.output.members import statistics_members
 from collalign.products.named_frame import NamedFrame
-from data_tools.datasets.synthetic import deformed_family, planted_collection
-from data_tools.datasets.synthetic_shapes import blob, figure
 from data_tools.io.shapes import write_mesh
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from experiments.generated.assembled import assembled_objects
 from tests.commands import read_json, run_command
+from tests.goldens.inputs import two_kinds
 from tests.notes import codes, only
 
 OPTIONS = AlignOptions(
@@ -26,11 +25,7 @@ ALONE = RunOptions(jobs=1)
 
 @pytest.fixture(scope="module")
 def planted():
-    """Five blobs and five figures in random poses."""
-    rng = np.random.default_rng(6)
-    two = blob(rng, num_vertices=400), figure(resolution=1)
-    family = [shape for kind in two for shape in deformed_family(kind, 5, rng, rms=0.005)]
-    return planted_collection(family, rng)
+    return two_kinds(5)
 
 
 @pytest.fixture(scope="module")

@@ -1,17 +1,13 @@
 """The table of maps between bodies counts flips, right candidates and sure maps."""
 
 from dataclasses import astuple
-from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from collalign.confidence.map_model import NEAR, Evidence, map_probability, map_terms
 from experiments.calibration.maps import right_candidates
-from experiments.maps import bodies
-from experiments.maps.bodies import FOUND_MEAN, SURE, measure_folder, mixed_row, row_of, terms_of
-from experiments.maps.map_sets import BIPEDS, BODIES, kinds_of
+from experiments.maps.bodies import FOUND_MEAN, SURE, row_of, terms_of
 
 #: Standing and evidence of a map that is stated high, and of one that is stated low.
 CLEAR, DIM = ((1.0, 2.0), 0.05), ((0.3, -1.0), 0.5)
@@ -56,44 +52,3 @@ def test_terms_and_right_candidates_are_those_of_the_maps():
     assert map_probability(terms[0], knows_sides=True) >= SURE
     # The chosen one, the first, counts by its map of all vertices, and not by that of the samples.
     np.testing.assert_array_equal(right_candidates(one), [False, True, False])
-
-
-class Shapes(tuple):
-    """Names of shapes, as a data set has them."""
-
-    __slots__ = ()
-
-    @property
-    def names(self):
-        return tuple(self)
-
-
-def test_kinds_are_halves_of_a_set_or_first_words():
-    halves = SimpleNamespace(name=BODIES, data=Shapes(("1", "2", "281", "282")))
-    assert kinds_of(halves) == {"human": ("1", "2"), "armadillo": ("281", "282")}
-    words = SimpleNamespace(name=BIPEDS, data=Shapes(("ape 1", "child 1", "ape 2")))
-    assert kinds_of(words) == {"ape": ("ape 1", "ape 2"), "child": ("child 1",)}
-
-
-def test_a_row_of_a_folder_compares_pairs_of_two_kinds_with_the_same_ones_alone(monkeypatch):
-    drawn = SimpleNamespace(name=BODIES, data=Shapes(("1", "2", "3", "281", "282", "283")))
-    monkeypatch.setattr(bodies, "read_map_set", lambda *_: drawn)
-    asked = []
-
-    def measured(function, cells, version):
-        if function is not measure_folder:
-            asked.extend((one["target"], one["source"]) for one in cells.values())
-            return {label: {"error": 0.4, "mirrored": 0.2} for label in cells}
-        (settings,) = cells.values()
-        assert sorted(settings["pairs"]) == sorted(set(settings["pairs"]))
-        asked.extend(settings["pairs"])
-        errors = np.array([0.1, 0.3])
-        return {"": {"errors": errors, "mirrored": np.array([0.2, np.nan]), "seconds": 9.0}}
-
-    bench = SimpleNamespace(measure=measured, data=Path(), quick=False)
-    row = mixed_row(bench, BODIES, {"human": 2, "armadillo": 1})
-    assert row["pairs"] == 2
-    assert (row["alone"], row["flipped_alone"]) == pytest.approx((0.4, 100.0))
-    assert (row["folder"], row["flipped"]) == pytest.approx((0.2, 0.0))
-    assert asked[:2] == asked[2:]
-    assert all(len({name in ("1", "2", "3") for name in pair}) == 2 for pair in asked)

@@ -1,6 +1,5 @@
 """Tuned constants are listed as the code has them, and measured on what is named."""
 
-from dataclasses import replace
 from importlib import import_module
 from math import isfinite
 from pathlib import Path
@@ -8,20 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from data_tools.embedding.surface_points import surface_cells
 from experiments.calibration import CALIBRATIONS, calibrate, few_radii
-from experiments.calibration.kind_parts import PartPairs, fit_parts
 from experiments.calibration.kinds import NUM_RIVALS, comparisons, fit_splits, joined
 from experiments.calibration.overlaps import (
     JudgedPairs,
     fit_weights,
-    harmless_share,
-    hint_finding,
     log_loss,
     stated_and_right,
 )
 from experiments.calibration.scan import scan
-from experiments.generated.rooms import depth_frames, room, way_round
 
 FOLLOWED = {"few_radii": few_radii.RADII, "ellipsoids": few_radii.ELLIPSOIDS}
 
@@ -84,17 +78,6 @@ def folder_of_kinds(rng, *, apart):
     return comparisons(odds, kinds)
 
 
-def test_the_fit_of_parts_tells_kin_that_it_has_not_seen_and_takes_no_others_for_it():
-    rng = np.random.default_rng(4)
-    are_kin = rng.random(300) < 0.3
-    energies = np.exp(np.where(are_kin, -3.4, -2.4) + 0.15 * rng.standard_normal(300))
-    seen = PartPairs(energies=energies[:200], are_kin=are_kin[:200])
-    fitted = fit_parts(seen)
-    unseen = PartPairs(energies=energies[200:], are_kin=are_kin[200:])
-    assert unseen.share_right(fitted) > 0.95
-    assert PartPairs(energies=unseen.energies, are_kin=~unseen.are_kin).share_right(fitted) < 0.05
-
-
 def test_the_fit_of_splits_tells_kinds_apart_that_it_has_not_seen_and_splits_none():
     rng = np.random.default_rng(0)
     seen = joined([folder_of_kinds(rng, apart=apart) for apart in (4.0, 6.0, 8.0)])
@@ -131,16 +114,6 @@ def test_sizes_of_few_templates_follow_errors_and_hold_those_of_every_collection
     assert table[0][-1] == 0.0, "one template shows no spread"
 
 
-def test_powers_are_those_of_the_quantile_not_of_the_mean():
-    rng, followed = np.random.default_rng(0), FOLLOWED["ellipsoids"]
-    shown = np.exp(rng.normal(2, 1, (3, 3000, 3)))
-    far = rng.random((3, 3000)) < 0.3
-    errors = np.where(far, shown[..., 0], 0.1)
-    (_, power, other, _), *_ = followed.table([[*zip(shown, errors, strict=True)]])
-    assert abs(power - 1.0) < 0.1
-    assert abs(other) < 0.1
-
-
 def test_weights_of_overlaps_are_fitted_to_what_tells_right_poses():
     rng = np.random.default_rng(0)
 
@@ -168,33 +141,6 @@ def test_a_quick_calibration_of_overlaps_needs_no_data():
     rows = calibrate("overlaps", Path(), ["room"], quick=True).rows
     assert [row["constant"] for row in rows] == [*CALIBRATIONS["overlaps"].constants]
     assert all(isfinite(float(str(row["best"]))) for row in rows[:3])
-
-
-def test_a_hint_is_worth_as_much_as_it_tells():
-    def kind(told, num=400):
-        rng = np.random.default_rng(0)
-        right = rng.random(num) < 0.5
-        says = np.where(rng.random(num) < told, right, ~right)
-        hints = np.where(says, 1.0, -1.0)
-        evidence = [np.array([[0.0, 0.0, hint]]) for hint in hints]
-        return JudgedPairs.of_each(evidence, [[one] for one in right])
-
-    sure, vague = (hint_finding(0.0, 2, {"room": kind(told)}).value for told in (0.95, 0.7))
-    assert sure == pytest.approx(np.log(0.95 / 0.05), abs=0.5)
-    assert vague == pytest.approx(np.log(0.7 / 0.3), abs=0.3)
-    assert hint_finding(0.0, 1, {"room": kind(0.95)}).best == pytest.approx(-np.log(2.0))
-
-
-def test_what_is_harmless_is_what_lies_in_front_at_right_poses():
-    rng = np.random.default_rng(0)
-    way = way_round(20, rng)[:3]
-    frames = depth_frames(room(rng), way, rng)
-    surfaces = [surface_cells(frame, 0.1, of_scene=True) for frame in frames]
-    assert harmless_share(surfaces, way) < 0.05
-    wrong = way[[1, 2, 0]]
-    assert harmless_share(surfaces, wrong) > harmless_share(surfaces, way) + 0.02
-    unseen = [replace(one, places=np.empty((0, 3))) for one in surfaces]
-    assert harmless_share(unseen, way) == 0.0
 
 
 def test_a_quick_calibration_of_wholes_needs_no_data():

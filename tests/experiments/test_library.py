@@ -6,7 +6,7 @@ import pytest
 from collalign.engine.store import Store
 from data_tools.rotations import random_rotation
 from experiments.collections import library
-from experiments.collections.library import share_as_at_once, write_library
+from experiments.collections.library import share_as_at_once
 from experiments.experiment import Bench
 
 KINDS = np.array([0, 0, 0, 1, 1])
@@ -37,15 +37,6 @@ def test_a_pose_that_moved_is_noticed_where_both_ways_pose_the_pair_together(onc
     alone = np.array([9, 0, 0, 1, 1])
     assert share_as_at_once(once, grown | {"parts": alone}, KINDS) == 1.0
     assert np.isnan(share_as_at_once(once, grown | {"parts": np.arange(5)}, KINDS))
-
-
-def test_each_step_has_its_share_of_each_kind(tmp_path):
-    kinds, rotations = write_library(tmp_path, 23, 5, ("mugs", "crowns"), 0)
-    assert np.bincount([*kinds.values()]).tolist() == [12, 11]
-    assert [*rotations] == [*kinds]
-    steps = sorted(tmp_path.iterdir())
-    files = [sorted(kinds[file.stem] for file in step.iterdir()) for step in steps]
-    assert files == [[0] * 3 + [1] * 3, [0] * 3 + [1] * 2] + [[0] * 2 + [1] * 2] * 3
 
 
 @pytest.mark.usefixtures("quick_search")

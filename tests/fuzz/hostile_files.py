@@ -412,8 +412,6 @@ def _landmarks():
 
 def _own():
     files = {
-        "array of 2 PiB": ("a.npy", npy(f"({2**48},)", bytes(16))),
-        "pickle": ("a.npy", npy("(1,)", b"cos\nsystem\n(S'true'\ntR.", "'|O'")),
         "the root": ("own.json", b'{"invariants": "/"}'),
         "brackets": ("own.json", b"[" * 10**5),
     }

@@ -82,10 +82,15 @@ def clouds():
 
 def kinds():
     """Return six blobs and six figures, which the run separates."""
+    return Golden(two_kinds(6).shapes, {"clusters": 2, "maps": "never"})
+
+
+def two_kinds(num):
+    """Return as many blobs, and then figures, in random poses."""
     rng = np.random.default_rng(6)
     two = blob(rng, num_vertices=400), figure(resolution=1)
-    family = [shape for kind in two for shape in deformed_family(kind, 6, rng, rms=0.005)]
-    return Golden(planted_collection(family, rng).shapes, {"clusters": 2, "maps": "never"})
+    family = [shape for kind in two for shape in deformed_family(kind, num, rng, rms=0.005)]
+    return planted_collection(family, rng)
 
 
 #: Every collection by its name.

@@ -24,8 +24,7 @@ FEWEST_VOTES = 0.5
 CONTRADICTED_VOTES = 0.3
 #: Folders of which at least this share is in doubt may hold several kinds of shapes, ...
 MOST_IN_DOUBT = 0.5
-#: ... where pairs across the parts that agree among themselves match so many times worse than those within. Folders
-#: of two or three kinds of SHREC07, teeth and skulls had 1.9 to 3.5; of those of one kind only glasses had two parts.
+#: ... where pairs across the parts that agree among themselves match so many times worse than those within.
 WORSE_ACROSS = 1.5
 #: Shapes below this confidence may be incomplete; above it a rival pose is the likelier reason.
 MAY_BE_CUT = 0.7

@@ -1,6 +1,5 @@
 """The command as a process: its streams, its messages and its exit codes, whatever the other end does."""
 
-import errno
 import os
 import signal
 import subprocess
@@ -9,7 +8,6 @@ import time
 
 import pytest
 
-from collalign.engine.store import Store
 from data_tools.datasets.synthetic import write_collection
 from tests.commands import run_command
 from tests.faults import worker_processes
@@ -24,17 +22,6 @@ def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("run") / "chairs"
     write_collection(path, chairs(4))
     return path
-
-
-def test_a_reader_that_goes_away_is_no_error(tmp_path):
-    Store.open(tmp_path / "store.sqlite").close()
-    command = [*COLLALIGN, "status", str(tmp_path / "store.sqlite")]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    assert process.stdout is not None
-    process.stdout.close()
-    with process:
-        errors = process.stderr.read() if process.stderr else b""
-    assert (process.returncode, errors) == (141, b"")
 
 
 def test_names_need_not_fit_the_encoding_of_the_terminal(tmp_path):
@@ -123,11 +110,3 @@ def test_help_is_quick_and_imports_nothing_heavy():
         "potpourri3d",
         "networkx",
     }
-
-
-def test_too_few_open_files_end_in_advice(folder, tmp_path, monkeypatch):
-    def fail(*_, **__):
-        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE), "a")
-
-    monkeypatch.setattr("collalign.cli.align_command.align_listing", fail)
-    assert "ulimit -n" in run_command("align", folder, "--out", tmp_path / "out", ends=1).err

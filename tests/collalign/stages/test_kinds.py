@@ -22,8 +22,6 @@ from collalign.stages.kinds.plan import (
 )
 from collalign.stages.kinds.pose_free import NUM_SHELLS, kind_descriptors, shell_means
 from collalign.stages.shape_stage import prepare_shapes
-from data_tools.datasets.synthetic import deformed_family, planted_collection
-from data_tools.datasets.synthetic_shapes import blob, figure
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.objects import list_shapes
 from data_tools.options import CleaningOptions, SamplingOptions
@@ -31,6 +29,8 @@ from data_tools.poses import APART_DEG
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
 from experiments.pairs.incomplete import without_share
+from tests.goldens.inputs import two_kinds
+from tests.synchronization_problems import small_rotations
 
 OPTIONS = AlignOptions(
     group="SO", sampling=SamplingOptions(num_points=32, num_dense_points=100), maps="never"
@@ -139,11 +139,7 @@ def test_what_is_nearer_is_likelier_of_one_kind_and_a_larger_gap_surer():
 @pytest.fixture(scope="module")
 def mixed():
     """Six blobs and six figures in random poses, and which of the two each is."""
-    rng = np.random.default_rng(6)
-    two = blob(rng, num_vertices=400), figure(resolution=1)
-    shapes = [shape for kind in two for shape in deformed_family(kind, 6, rng, rms=0.005)]
-    planted = planted_collection(shapes, rng)
-    return planted, np.repeat([0, 1], 6)
+    return two_kinds(6), np.repeat([0, 1], 6)
 
 
 def _number_of(planted, name):
@@ -233,7 +229,7 @@ def test_an_odd_shape_among_one_kind_makes_no_second_kind(mixed):
 
 def test_most_rotations_agree_or_none_does(rng):
     truth = random_rotation(rng)
-    near = [truth @ _small(rng, 8.0) for _ in range(7)]
+    near = truth @ small_rotations(rng, (7,), 8.0)
     far = [random_rotation(rng) for _ in range(2)]
     mean, share = agreed_rotation(np.stack([*near, *far]), 9)
     assert rotation_angle_deg(mean, truth) < APART_DEG / 3
@@ -245,14 +241,6 @@ def test_pairs_of_one_shape_are_one_vote(rng):
     same = np.repeat(random_rotation(rng)[None], 9, axis=0)
     shares = [agreed_rotation(same, num)[1] for num in (1, 2, 3, 9)]
     assert shares == pytest.approx([0.0, 2 / 3, 3 / 4, 9 / 10])
-
-
-def _small(rng, degrees):
-    axis = rng.standard_normal(3)
-    axis *= np.radians(degrees) / np.linalg.norm(axis)
-    x, y, z = axis
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.linalg.qr(np.eye(3) + cross)[0] * np.sign(np.diag(np.linalg.qr(np.eye(3) + cross)[1]))
 
 
 def test_a_kind_is_rotated_to_another_that_it_matches(mixed):

@@ -32,7 +32,7 @@ from collalign.stages.trust.rival_poses import (
 )
 from collalign.stages.trust.trust_notes import trust_notes
 from collalign.synchronization import synchronize
-from collalign.whole_pairs.local_evidence import local_evidence, surface_gap
+from collalign.whole_pairs.local_evidence import surface_gap
 from data_tools.datasets.synthetic import bumped
 from data_tools.datasets.synthetic_shapes import crown, sphere_mesh
 from data_tools.embedding.embedding import sample_shape
@@ -139,15 +139,6 @@ def test_an_answer_that_pairs_were_solved_again_for_does_not_vote(crowns):
     assert column(trust, "votes")[0] == 0.5 / NUM
     assert column(trust, "lead").tolist() == [leads.min() for leads in trust.leads]
     assert trust.leads[0].min() < trust.leads[0].max()
-
-
-def test_poses_of_a_sphere_are_all_in_doubt(rng):
-    directions, faces = sphere_mesh(400)
-    turns = np.stack([random_rotation(rng) for _ in range(5)])
-    samples = samples_of([Shape.from_arrays(directions @ R, faces) for R in turns])
-    pairs = [replace(pair, energies=np.array([0.1, 0.1])) for pair in pairs_at(turns)]
-    trust = trusted(samples, pairs, turns)
-    assert (pose_confidence(trust) <= 0.5).all()
 
 
 def test_rivals_are_apart_from_the_pose_and_from_each_other(crowns):
@@ -656,16 +647,6 @@ def test_a_shape_that_resembles_no_other_is_named_and_limited():
     assert note.values == {"mismatch": pytest.approx(0.95), "median": pytest.approx(0.68, abs=0.01)}
 
 
-def test_neighbourhoods_tell_what_is_of_another_kind(crowns):
-    samples, truth = crowns
-    samples = [*samples[:3], brick(np.array([1.0, 0.8, 0.6])), *samples[4:]]
-    trust = trusted(samples, pairs_at(truth), truth)
-    assert np.flatnonzero(resembles_none(trust.evidence)).tolist() == [3]
-    assert (column(trust, "cycles") == cycle_log_odds(NUM - 1, 21, 0)).all()
-    others = np.delete(column(trust, "local margin"), 3)
-    assert others.min() > max(column(trust, "local margin")[3], 0.05)
-
-
 def test_a_stranger_costs_the_others_no_confidence(crowns):
     samples, truth = (one[:5] for one in crowns)
     kept = [pair for pair in pairs_at(truth) if 4 not in (pair.target, pair.source)]
@@ -678,19 +659,6 @@ def test_a_stranger_costs_the_others_no_confidence(crowns):
     assert np.flatnonzero(resembles_none(with_stranger.evidence)).tolist() == [4]
     assert (column(with_stranger, "cycles") == cycle_log_odds(4, 6, 0)).all()
     assert np.allclose(pose_confidence(with_stranger)[:4], alone, atol=1e-3)
-
-
-def test_neighbourhoods_of_a_sphere_are_all_alike():
-    directions, faces = sphere_mesh(900)
-    turns = np.stack([random_rotation(np.random.default_rng(seed)) for seed in range(4)])
-    sphere, long = samples_of(
-        [Shape.from_arrays(directions * axes, faces) for axes in ([1, 1, 1], [3, 1, 1])]
-    )
-    assert (
-        local_evidence(sphere, sphere, turns)[0].max()
-        < 0.3
-        < local_evidence(long, long, turns)[0].min()
-    )
 
 
 def test_copies_with_thin_limbs_are_not_symmetric():
