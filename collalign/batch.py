@@ -21,7 +21,6 @@ from collalign.stages.forecast import RunEstimate, forecast, try_shapes
 from collalign.stages.kinds.plan import kinds_of
 from collalign.stages.match_pairs import pair_key
 from collalign.stages.shape_stage import wanted_shapes
-from data_tools.arrays import frozen
 from data_tools.checks import as_options, check_kinds
 from data_tools.errors import CollalignError, InputError, OptionsError
 from data_tools.io.files import read_toml, resolved
@@ -57,7 +56,7 @@ class BatchJob:
         check_kinds(self)
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class BatchResult:
     """What became of one folder of a batch.
 

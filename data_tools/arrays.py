@@ -7,9 +7,9 @@ depend on strides or on the caller's dtype, and later changes by the caller chan
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from enum import Enum
-from typing import Any, Self, TypeVar, dataclass_transform
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,7 +19,6 @@ from data_tools.errors import InputError
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
-Kind = TypeVar("Kind")
 
 #: Largest ``|R^T R - I|`` entry accepted as an orthogonal matrix given by a user.
 ORTHOGONAL_TOL = 1e-6
@@ -51,35 +50,22 @@ class Holds:
     positive: bool = False
 
 
-@dataclass_transform(
-    kw_only_default=True, eq_default=False, frozen_default=True, field_specifiers=(field,)
-)
-def frozen(kind: type[Kind]) -> type[Kind]:
-    """Make a class that holds results a dataclass: its fields are keywords, and never set again.
-
-    Two of them are equal only if they are one. Without a ``__repr__`` of its own it is printed in one line.
-    """
-    if kind.__repr__ is object.__repr__:
-        kind.__repr__ = one_line  # type: ignore[method-assign]
-    return dataclass(frozen=True, kw_only=True, eq=False, repr=False)(kind)
-
-
 def one_line(result: Any) -> str:
     """Return a dataclass in one line, as its ``__repr__``: numbers and words as they are, the rest by its size."""
     return f"{type(result).__name__}({', '.join(_words(result))})"
 
 
 def _words(result: Any) -> Iterator[str]:
-    for one in fields(result):
-        value = getattr(result, one.name)
+    for field in fields(result):
+        value = getattr(result, field.name)
         if isinstance(value, np.ndarray):
-            yield f"{one.name}: {' x '.join(map(str, value.shape))}"
+            yield f"{field.name}: {' x '.join(map(str, value.shape))}"
         elif isinstance(value, tuple | list | dict):
-            yield f"{one.name}: {len(value)}"
+            yield f"{field.name}: {len(value)}"
         elif isinstance(value, float):
-            yield f"{one.name}={value:.6g}"
+            yield f"{field.name}={value:.6g}"
         elif value is None or isinstance(value, bool | int | str | Enum):
-            yield f"{one.name}={value!r}"
+            yield f"{field.name}={value!r}"
 
 
 class Rows:

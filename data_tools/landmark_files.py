@@ -6,13 +6,13 @@ import json
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from data_tools.arrays import FloatArray, frozen, read_only
+from data_tools.arrays import FloatArray, read_only
 from data_tools.errors import CollalignError, InputError, UnavailableError
 from data_tools.io.files import composed, existing_file, read_any_text
 from data_tools.io.shapes import CoordinateSystem
@@ -23,7 +23,7 @@ from data_tools.point_tables import number, read_point_table
 SemilandmarkKind = Literal["open curve", "closed curve", "patch"]
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Semilandmarks:
     """Points of a curve in their order, or of a patch.
 
@@ -51,7 +51,7 @@ class SemilandmarkRows(NamedTuple):
     rows: tuple[int, ...]
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Landmarks:
     """Named points of one shape.
 

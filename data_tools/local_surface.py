@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from data_tools.arrays import FloatArray, Holds, as_floats, as_points, frozen, read_only
+from data_tools.arrays import FloatArray, Holds, as_floats, as_points, read_only
 from data_tools.errors import InputError
 from data_tools.sight import DepthImage
 from data_tools.threads import one_blas_thread
@@ -31,7 +31,7 @@ MOST_COMPARED = 600
 FEWEST_POINTS = 30
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class SurfacePlanes:
     """Points of a surface with their planes.
 
@@ -58,7 +58,7 @@ class SurfacePlanes:
         return slice(None, None, -(-len(self.points) // num))
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class LocalSurface(SurfacePlanes):
     """A surface whose points lie about one cell apart; build it with :meth:`from_user`.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated
 
@@ -18,7 +18,6 @@ from data_tools.arrays import (
     IntArray,
     as_floats,
     as_points,
-    frozen,
     read_only,
 )
 from data_tools.errors import InputError
@@ -33,7 +32,7 @@ GRID_CELLS, GRID_MARGIN = 40, 0.35
 MOST_POINTS = 1000
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class PartialSurface:
     """Points of a surface of which parts may be missing; build it with :meth:`from_user`.
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from data_tools.arrays import BoolArray, FloatArray, IntArray, frozen
+from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.rotations import nearest_orthogonal, rotation_angle_deg
 
 #: Rotations nearer than this lead local search to one minimum: they are one candidate.
@@ -18,7 +19,7 @@ AGREE_DEG = 20.0
 APART_DEG = 29.99
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Similarity:
     """x -> scale * rotation x + shift; one pose, or several along a first axis.
 

@@ -5,6 +5,7 @@ A depth image says more than where a surface is. Between the surface and what sa
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ from scipy.ndimage import maximum_filter
 from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 
-from data_tools.arrays import BoolArray, FloatArray, IntArray, frozen
+from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.rotations import half_sphere
 
 
@@ -73,7 +74,7 @@ TUNED = SightTuning()
 _TINY = float(np.finfo(float).tiny) ** 0.25
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class DepthImage:
     """How near a surface comes to what saw it, by pixels of a cell: along parallel rays, or along those of one place.
 

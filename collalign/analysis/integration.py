@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from collalign.analysis.shape_tests import NUM_PERMUTATIONS, SEED, Effects, with_orders
-from data_tools.arrays import FloatArray, as_floats, frozen, read_only
+from data_tools.arrays import FloatArray, as_floats, read_only
 from data_tools.errors import InputError
 from data_tools.threads import one_blas_thread
 
@@ -14,7 +16,7 @@ from data_tools.threads import one_blas_thread
 _NO_VARIATION, _ROUNDING = 1e-10, 1e-13
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class TwoBlockPLS:
     """Pairs of axes of two blocks along which these covary most. Arrays are read-only.
 

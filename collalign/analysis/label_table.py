@@ -5,9 +5,9 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-from data_tools.arrays import frozen
 from data_tools.errors import InputError
 from data_tools.io.files import read_any_text
 from data_tools.io.text_tables import THOUSANDS, plain_cell
@@ -22,7 +22,7 @@ NAME_COLUMNS = ("name", "shape", "specimen", "id", "file")
 _WITH_COMMA = re.compile(r"[+-]?\d*,?\d+(?:[eE][+-]?\d+)?")
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Labels:
     """A table of labels by shape.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,12 +13,12 @@ from collalign.analysis.paired_sides import INDIVIDUAL, SUPERIMPOSED, indicators
 from collalign.analysis.procrustes import generalized_procrustes, principal_components
 from collalign.analysis.shape_tests import NUM_PERMUTATIONS, SEED, AnovaRow, procrustes_anova
 from collalign.analysis.symmetry import means_of_rows
-from data_tools.arrays import FloatArray, IntArray, as_floats, frozen, read_only
+from data_tools.arrays import FloatArray, IntArray, as_floats, read_only
 from data_tools.errors import InputError
 from data_tools.threads import one_blas_thread
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class MeasurementError:
     """How well shapes are measured again. Arrays are read-only.
 

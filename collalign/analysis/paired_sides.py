@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from collalign.analysis.procrustes import generalized_procrustes, principal_components
 from collalign.analysis.shape_tests import NUM_PERMUTATIONS, SEED, AnovaRow, procrustes_anova
 from collalign.analysis.symmetry import exchange_test, means_of_rows, mirror_image
-from data_tools.arrays import BoolArray, FloatArray, IntArray, as_floats, frozen, read_only
+from data_tools.arrays import BoolArray, FloatArray, IntArray, as_floats, read_only
 from data_tools.errors import InputError
 from data_tools.notes import listed
 from data_tools.threads import one_blas_thread
@@ -21,7 +21,7 @@ INDIVIDUAL, SIDE, INTERACTION = "individual", "side", "individual:side"
 SUPERIMPOSED = 7
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class PairedSides:
     """Left and right of individuals, superimposed at unit centroid size. Arrays are read-only.
 

@@ -5,10 +5,12 @@ Everything here takes samples with consistent labels, shape (N, k, 3): row b of 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from data_tools.arrays import BoolArray, FloatArray, IntArray, as_floats, frozen, read_only
+from data_tools.arrays import BoolArray, FloatArray, IntArray, as_floats, read_only
 from data_tools.errors import InputError
 from data_tools.poses import AGREE_DEG
 from data_tools.rotations import nearest_orthogonal, rotation_angle_deg
@@ -21,7 +23,7 @@ MAX_SUPERIMPOSITIONS, SETTLED = 200, 1e-20
 MIN_LABELS = 3
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class PrincipalComponents:
     """Principal components of superimposed shapes.
 

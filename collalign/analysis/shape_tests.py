@@ -6,13 +6,14 @@ Every P is by permutation: of the residuals of the model without what is tested 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import combinations
 from types import MappingProxyType
 
 import numpy as np
 from scipy.spatial.distance import pdist
 
-from data_tools.arrays import FloatArray, IntArray, frozen
+from data_tools.arrays import FloatArray, IntArray
 from data_tools.checks import check_choice
 from data_tools.errors import InputError
 from data_tools.threads import one_blas_thread
@@ -26,7 +27,7 @@ SUMS_OF_SQUARES = (SEQUENTIAL, MARGINAL)
 _NO_COLUMN = 1e-8
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Effects:
     """Numbers that are the larger, the stronger an effect is, with what permutations make of them.
 
@@ -66,7 +67,7 @@ def holm(p: FloatArray) -> FloatArray:
     return adjusted
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class AnovaRow:
     """A row of a Procrustes ANOVA, at unit centroid size.
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from collalign.analysis.procrustes import MAX_SUPERIMPOSITIONS, SETTLED, best_rotations, unit_size
 from collalign.analysis.shape_tests import NUM_PERMUTATIONS, SEED, AnovaRow, Effects
-from data_tools.arrays import FloatArray, IntArray, as_floats, frozen, read_only
+from data_tools.arrays import FloatArray, IntArray, as_floats, read_only
 from data_tools.errors import InputError
 from data_tools.threads import one_blas_thread
 
@@ -19,7 +20,7 @@ _MOST_INVERTED = 0.5
 _MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class ObjectSymmetry:
     """Configurations with object symmetry, superimposed at unit centroid size; the mirror plane is x = 0.
 

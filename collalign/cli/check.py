@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -24,7 +24,7 @@ from collalign.stages.shape_stage import (
     pieces_of_file,
 )
 from collalign.wording import note_records, note_text
-from data_tools.arrays import FloatArray, Holds, frozen, read_only
+from data_tools.arrays import FloatArray, Holds, read_only
 from data_tools.embedding.copies import find_copies, shape_signature
 from data_tools.embedding.sampling import check_determines_pose
 from data_tools.errors import CollectionError
@@ -39,7 +39,7 @@ from data_tools.surface.cleaning import hold_pieces, piece_signature
 from data_tools.surface.shape import Shape, outward_normals
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class FileFacts:
     """What is said of a shape, which need not be kept for it.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from types import MappingProxyType
 
@@ -32,13 +32,12 @@ from collalign.stages.pieces import Pieces, pieces_that_match
 from collalign.stages.posing import pose_all
 from collalign.stages.shape_stage import decided_reading, prepare_shapes
 from collalign.stages.steps import Run
-from data_tools.arrays import frozen
 from data_tools.io.listing import FolderListing
 from data_tools.notes import Note
 from data_tools.surface.extra import ExtraSurface
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class KindTask:
     """Shapes of one kind, what is known of them, and the session that aligns them together."""
 

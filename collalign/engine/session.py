@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass
 from functools import partial
 from itertools import takewhile
 from pathlib import Path
@@ -17,7 +18,6 @@ from collalign.engine.run_jobs import Outcome, SharedTable, run_jobs
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store import Store
 from collalign.engine.store_file import KINDS, STAGE
-from data_tools.arrays import frozen
 from data_tools.errors import InputError, SolveFailed
 
 #: Makes a progress display from (description, total, done): :class:`collalign.engine.progress.ProgressBar`.
@@ -38,7 +38,7 @@ def each_shown(items: Sequence[K], kind: str, progress: ProgressFactory | None) 
                 report(_STEP)
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Session(Generic[OptionsT]):
     """What the stages of one run share. Open it with :meth:`open`, or make one around an open store.
 

@@ -23,7 +23,7 @@ from collalign.output.report.page import report_pages, write_report
 from collalign.output.views import FEWEST_FACES, contact_sheet, display_mesh, tile_of
 from collalign.output.write import WRITER, save_collection
 from collalign.products.named_frame import NamedFrame
-from data_tools.arrays import IntArray, frozen
+from data_tools.arrays import IntArray
 from data_tools.checks import check_choice
 from data_tools.errors import CollalignError
 from data_tools.html_pages import new_figure
@@ -130,7 +130,7 @@ def _framed(page: str) -> str:
     return f'<iframe {may} {look} srcdoc="{html.escape(page)}"></iframe>'
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Collection(CollectionData):
     """An aligned collection, just made by :func:`collalign.align_collection` or read by :func:`collalign.load`.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Self, overload
@@ -22,7 +22,7 @@ from collalign.products.pair import AlignedPair, Alternative, Pairs
 from collalign.products.run_record import Made, RunRecord
 from collalign.products.shapes import Excluded, ExtraMaterial, Incomplete, PosedFile
 from collalign.products.trust import DOUBT
-from data_tools.arrays import BoolArray, FloatArray, Holds, IntArray, frozen
+from data_tools.arrays import BoolArray, FloatArray, Holds, IntArray, one_line
 from data_tools.embedding.copies import Copies
 from data_tools.errors import InputError, UnavailableError
 from data_tools.io.files import composed, file_stems
@@ -43,7 +43,7 @@ PER_SHAPE = (
 MESH_FOLDER = "meshes"
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class AlignedShape:
     """One shape of a result.
 
@@ -85,8 +85,10 @@ class AlignedShape:
     is_alone: bool
     alternatives: tuple[Alternative, ...]
 
+    __repr__ = one_line
 
-@frozen
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class CollectionData:
     """What a :class:`collalign.Collection` holds, which documents it; what writes and shows results takes this."""
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from collalign.options import ALL, AUTO, NEVER
-from data_tools.arrays import FloatArray, as_floats, as_rotations, frozen, read_only
+from data_tools.arrays import FloatArray, as_floats, as_rotations, read_only
 from data_tools.errors import InputError
 from data_tools.io.files import composed, read_text
 from data_tools.names import match_names, nearest_names, warn_of_near
@@ -23,7 +23,7 @@ _KINDS = ("pose", "confirmed")
 _ADVICE = "use the report of the same folder, or delete the decisions that do not belong to it"
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Corrections:
     """Decisions and the poses that they refer to.
 

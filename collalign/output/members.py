@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from collalign.confidence.reliability_model import expected_right
 from collalign.output.collection_data import CollectionData
 from collalign.wording import note_text, reason_text
-from data_tools.arrays import IntArray, frozen
+from data_tools.arrays import IntArray
 from data_tools.checks import check_number
 from data_tools.embedding.copies import Copies
 from data_tools.names import known_names
@@ -22,7 +22,7 @@ LEFT_OUT_FILE = "left_out.csv"
 LESS_SURE = "less-sure"
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Members:
     """Who counts in the statistics of a collection.
 
@@ -74,7 +74,7 @@ class Members:
         return ", ".join(f"{name} ({reason_text(reason)})" for name, reason in self.left_out)
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Selection:
     """Shapes that are kept so that a share of their poses is expected to be right.
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from data_tools.arrays import FloatArray, Holds, IntArray, frozen
+from data_tools.arrays import FloatArray, Holds, IntArray, one_line
 from data_tools.errors import UnknownName
 from data_tools.io.files import composed
 from data_tools.names import nearest_names
@@ -37,7 +38,7 @@ def position_of(names: Sequence[str], shape: str | int) -> int:
     return names.index(shape)
 
 
-@frozen
+@dataclass(frozen=True, eq=False)
 class ConsistentMaps:
     """Correspondences of samples between any two shapes, consistent around every cycle by construction.
 
@@ -62,8 +63,10 @@ class ConsistentMaps:
         inverse[-1] = -1
         return inverse[self.labels[b]]
 
+    __repr__ = one_line
 
-@frozen
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class VertexMaps:
     """Maps of all vertices between any two shapes, through one of them; arrays are read-only.
 
@@ -112,6 +115,8 @@ class VertexMaps:
         return tuple(
             (cKDTree(own[rows]), rows) for own, rows in zip(self.places, known, strict=True)
         )
+
+    __repr__ = one_line
 
     def _position(self, name: str) -> int:
         name = composed(name)

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
 
-from data_tools.arrays import Holds, IntArray, frozen
+from data_tools.arrays import Holds, IntArray
 from data_tools.options import CleaningOptions
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Kind:
     """The shapes of one kind, which are posed by themselves.
 

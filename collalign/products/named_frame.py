@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from collalign.options import FILE_ORIGIN, FRAME_AXES, AlignOptions, numbers_of
-from data_tools.arrays import ORTHOGONAL_TOL, FloatArray, frozen, read_only
+from data_tools.arrays import ORTHOGONAL_TOL, FloatArray, read_only
 from data_tools.errors import InputError
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class NamedFrame:
     """What a user calls up and front, in the common frame.
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from data_tools.arrays import as_rotations, frozen
+from data_tools.arrays import as_rotations
 from data_tools.checks import check_number
 from data_tools.errors import InputError
 from data_tools.io.files import composed
@@ -22,7 +22,7 @@ OF_PAIRS = ("candidates", "correspondences", "pair_weights")
 GIVEN = ("invariants", "samples", *OF_PAIRS)
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Own:
     """Descriptors, samples, landmarks, poses and trust of the caller's own, by the names of shapes.
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 import numpy as np
 
 from collalign.products.kinds import Kind
-from data_tools.arrays import FloatArray, Holds, IntArray, frozen, read_only
+from data_tools.arrays import FloatArray, Holds, IntArray, one_line, read_only
 from data_tools.errors import UnknownName
 from pairwise.certificates.certificate import Certificate
 
@@ -22,7 +22,7 @@ def _nothing(*shape: int) -> Callable[[], Any]:
     return lambda: read_only(np.zeros(shape))
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Pair:
     """What is known about a pair of shapes by itself. Each stage fills its own fields, with ``dataclasses.replace``.
 
@@ -93,13 +93,15 @@ class Pair:
     region_radii_rad: Annotated[FloatArray, Holds(shape="r")] = field(default_factory=_nothing(0))
     weight: float = 1.0
 
+    __repr__ = one_line
+
     @property
     def doubts(self) -> FloatArray:
         """The cost of each candidate by all that is known, shape (m,): minus its log-odds, or its energy."""
         return read_only(-self.log_odds) if len(self.log_odds) else self.energies
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class AlignedPair(Pair):
     """A pair of a result: what is known of it by itself (:class:`Pair`), and what the poses of all shapes make of it.
 
@@ -171,7 +173,7 @@ class Pairs(tuple[AlignedPair, ...]):
         return Pairs.of, (tuple(self), self.names)
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Alternative:
     """Another pose of a shape, or of a block of shapes, that the pairs also support.
 
@@ -194,7 +196,7 @@ class Alternative:
     transform: Annotated[FloatArray, Holds(shape="4 4")] | None = None
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class FormerPairs:
     """The pairs that an earlier run matched among the first ``num_shapes`` shapes, and with which group.
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from collalign.products.consistent_maps import VertexMaps
 from collalign.products.trust import Trust
-from data_tools.arrays import FloatArray, frozen
+from data_tools.arrays import FloatArray
 from data_tools.io.source import Origin
 from data_tools.notes import Note
 
@@ -49,7 +49,7 @@ class RunRecord:
     date: str = ""
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Made:
     """What a run knows of a result that it has just made; writing the result takes it.
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import numpy as np
 
-from data_tools.arrays import FloatArray, Holds, IntArray, frozen
+from data_tools.arrays import FloatArray, Holds, IntArray
 from data_tools.embedding.chirality import SurfaceChirality
 from data_tools.embedding.embedding import Samples
 from data_tools.io.shapes import read_shape
@@ -21,7 +21,7 @@ from data_tools.surface.extra import ExtraSurface
 from data_tools.surface.shape import Shape
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class PosedFile:
     """A file of a collection and where it stands.
 
@@ -54,7 +54,7 @@ class PosedFile:
 STRANGER = "stranger"
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Incomplete:
     """A shape that was posed on others by what has a counterpart on them.
 
@@ -104,7 +104,7 @@ def free_rotation(scan: str, whole: str, axis: FloatArray) -> Note:
     return Note("free-rotation", (scan,), values)
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class ExtraMaterial:
     """Material of a shape that no other shape has, such as a stand, plaster or a neighbour; poses ignore it.
 
@@ -159,7 +159,7 @@ class Excluded:
     reason: str
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Shapes:
     """The shapes that could be prepared, in the order of the folder, and the files that could not.
 
@@ -212,7 +212,7 @@ class Shapes:
         return f"{self.names[i]} - {self.names[j]}"
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Constraints:
     """What a person has decided about the poses, by position of the shape.
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from data_tools.arrays import FloatArray, frozen
+from dataclasses import dataclass
+
+from data_tools.arrays import FloatArray
 
 #: Poses below this confidence are called doubtful, on the command line, in the contact sheet and in the report.
 DOUBT = 0.95
@@ -19,7 +21,7 @@ VOTES, MARGIN, COLLECTION_VOTES, LEAD, MISFIT, *_ = range(len(KINDS))
 LOCAL_MARGIN, MISMATCH, LOCAL_MISFIT, CYCLES, BLOCK_MARGIN = range(MISFIT + 1, len(KINDS))
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Trust:
     """Evidence about the poses of a collection that its poses did not make.
 

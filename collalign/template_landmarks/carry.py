@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from collalign.confidence.radius_model import spread
-from data_tools.arrays import BoolArray, FloatArray, IntArray, frozen
+from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.surface.closest import SurfaceLocator, SurfacePoints
 
 #: Landmarks farther than this from their specimen's surface and from its copy of the mean, in parts of the root mean
@@ -16,7 +16,7 @@ from data_tools.surface.closest import SurfaceLocator, SurfacePoints
 OFF_SURFACE = 0.05
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Template:
     """One specimen with landmarks.
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from data_tools.arrays import FloatArray, IntArray, frozen
+from data_tools.arrays import FloatArray, IntArray
 from data_tools.poses import each_moved_by, fitting_similarity
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import vertex_normals
@@ -51,7 +52,7 @@ class LocalFit(NamedTuple):
 FIT = LocalFit()
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Surroundings:
     """What is around each landmark of a template, in the common frame.
 

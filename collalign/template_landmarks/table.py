@@ -6,12 +6,12 @@ import itertools
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from data_tools.arrays import FloatArray, IntArray, frozen
+from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
 from data_tools.landmark_files import (
     Landmarks,
@@ -200,7 +200,7 @@ def may_be_one(label: str, other: str) -> bool:
     return bool(found and there and found[1] == there[1])
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class LandmarkTable:
     """Landmarks of several templates.
 

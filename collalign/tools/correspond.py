@@ -7,7 +7,7 @@ shapes (``docs/tutorials/deformable.md`` has figures of both).
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -36,7 +36,7 @@ from data_tools.arrays import (
     BoolArray,
     FloatArray,
     IntArray,
-    frozen,
+    one_line,
     read_only,
     rms_length,
 )
@@ -50,7 +50,7 @@ from data_tools.surface.topology import boundary_edges
 from data_tools.threads import one_blas_thread
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class DenseCorrespondence:
     """The mean surface of a collection and where each of its vertices lies on every shape. Arrays are read-only.
 
@@ -82,6 +82,8 @@ class DenseCorrespondence:
     residual: FloatArray
     quality: FloatArray
     failed: tuple[tuple[str, str], ...] = ()
+
+    __repr__ = one_line
 
     @property
     def missing(self) -> BoolArray:

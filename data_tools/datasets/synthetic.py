@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from data_tools.arrays import FloatArray, IntArray, frozen, read_only, rms_length
+from data_tools.arrays import FloatArray, IntArray, read_only, rms_length
 from data_tools.datasets.synthetic_shapes import chair, smooth_field
 from data_tools.embedding.surface_points import centre_and_radius, spread_over_triangles
 from data_tools.errors import InputError, OptionsError
@@ -91,7 +92,7 @@ def point_cloud(shape: Shape, rng: np.random.Generator, *, noise: float = 0.0) -
     return Shape.from_arrays(disturbed, name=shape.name)
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class PlantedCollection:
     """Shapes in random poses, and where each comes from.
 

@@ -9,6 +9,7 @@ features are the same. Neither poses nor correspondences are needed.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -16,7 +17,7 @@ from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
-from data_tools.arrays import BoolArray, FloatArray, Holds, IntArray, frozen, read_only
+from data_tools.arrays import BoolArray, FloatArray, Holds, IntArray, read_only
 from data_tools.embedding.invariants import HKS_TIMES, NUM_SPECTRUM, heat_kernel_signature
 from data_tools.embedding.sampling import farthest_points
 from data_tools.embedding.working_surface import WorkingSurface
@@ -47,7 +48,7 @@ LEAST_SHARED = 1e-3
 PLACE_AREA = 0.15
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class SurfaceChirality:
     """The triangles of a surface with the features of their corners. Arrays are read-only.
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from data_tools.arrays import FloatArray, Holds, IntArray, frozen, read_only
+from data_tools.arrays import FloatArray, Holds, IntArray, read_only
 from data_tools.embedding.chirality import NO_CHIRALITY, SurfaceChirality, surface_chirality
 from data_tools.embedding.copies import shape_signature
 from data_tools.embedding.invariants import NUM_SPECTRUM, heat_kernel_signature, standardised
@@ -36,7 +36,7 @@ OPEN_FACTOR = 0.25
 CELL = 0.12
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Samples:
     """A preprocessed shape: all that matching needs. Arrays are read-only.
 

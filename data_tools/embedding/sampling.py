@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from data_tools.arrays import FloatArray, IntArray, as_indices, frozen, read_only
+from data_tools.arrays import FloatArray, IntArray, as_indices, read_only
 from data_tools.errors import InputError, OptionsError
 from data_tools.options import MIN_POINTS
 from data_tools.surface.geodesics import GeodesicSolver
@@ -116,7 +116,7 @@ def _choose(
     return chosen
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class OwnPoints:
     """What is given of one shape.
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from data_tools.arrays import BoolArray, FloatArray, IntArray, frozen
+from data_tools.arrays import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from data_tools.surface.triangle_tree import TriangleTree
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 BEYOND_RIM, FAR = 0.05, 0.25
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class SurfacePoints:
     """Places on a surface.
 

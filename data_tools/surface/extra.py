@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from data_tools.arrays import BoolArray, FloatArray, Holds, frozen, read_only
+from data_tools.arrays import BoolArray, FloatArray, Holds, read_only
 from data_tools.options import CleaningOptions
 from data_tools.surface.cleaning import clean
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import mesh_edges, vertex_components
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class ExtraSurface:
     """Points spread over a surface, and which of them are extra material.
 

@@ -3,21 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from data_tools.arrays import (
-    FloatArray,
-    IntArray,
-    as_faces,
-    as_points,
-    frozen,
-    read_only,
-    sums_by_owner,
-)
+from data_tools.arrays import FloatArray, IntArray, as_faces, as_points, read_only, sums_by_owner
 from data_tools.notes import Note
 from data_tools.poses import moved_by
 from data_tools.surface.topology import face_areas, face_crosses
@@ -26,7 +18,7 @@ from data_tools.surface.topology import face_areas, face_crosses
 MAX_DEFECTS = 0.01
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Shape:
     """A triangle mesh or, with no faces, a point cloud. Build it with :meth:`from_arrays`.
 

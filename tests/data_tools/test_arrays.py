@@ -1,7 +1,5 @@
 """Validators accept what is right, copy it, and refuse what is wrong by name."""
 
-from dataclasses import FrozenInstanceError
-
 import numpy as np
 import pytest
 
@@ -78,19 +76,3 @@ def test_rows_are_summed_by_their_owners():
     rows = np.arange(6.0).reshape(3, 2)
     found = arrays.sums_by_owner(rows, np.array([2, 0, 2]), 4)
     np.testing.assert_array_equal(found, [[2, 3], [0, 0], [4, 6], [0, 0]])
-
-
-@arrays.frozen
-class Found:
-    points: arrays.FloatArray
-    steps: int = 2
-
-
-def test_what_is_frozen_is_given_by_name_and_printed_in_one_line():
-    found = Found(points=np.zeros((4, 3)))
-    assert repr(found) == "Found(points: 4 x 3, steps=2)"
-    assert found != Found(points=found.points)
-    with pytest.raises(FrozenInstanceError):
-        found.steps = 3
-    with pytest.raises(TypeError, match="positional"):
-        Found(np.zeros((4, 3)))

@@ -10,7 +10,7 @@ import html
 import json
 import re
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ from collalign.output.report.content import build_content
 from collalign.products.run_record import RunRecord
 from collalign.products.trust import DOUBT
 from collalign.wording import note_text
-from data_tools.arrays import IntArray, frozen
+from data_tools.arrays import IntArray
 from data_tools.errors import CollalignError
 from data_tools.notes import MAX_NAMED, Note, percent
 from data_tools.threads import one_blas_thread
@@ -72,7 +72,7 @@ PAGES_FOLDER = "report_pages"
 _MARKER = re.compile(r"\{\{(\w+)\}\}")
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Page:
     """One page of a report, as it goes to the worker that writes it.
 

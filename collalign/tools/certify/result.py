@@ -7,6 +7,7 @@ energy of any map. Maps of different pairs are independent of each other.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -14,11 +15,11 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
-from data_tools.arrays import BoolArray, FloatArray, IntArray, frozen
+from data_tools.arrays import BoolArray, FloatArray, IntArray, one_line
 from pairwise.problem import Problem
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class JointBound:
     """A lower bound of the energy of every arrangement of N shapes, and the cheapest one known. Arrays are read-only.
 
@@ -58,13 +59,15 @@ class JointBound:
     bound: float
     proof: Mapping[str, NDArray[Any]]
 
+    __repr__ = one_line
+
     @property
     def share(self) -> float:
         """The bound as a share of the cheapest known energy; 1 where that is zero."""
         return share_of(self.bound, self.energy)
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class CertifiedCollection:
     """What is proven about the arrangement of a result. Arrays are read-only.
 
@@ -92,6 +95,8 @@ class CertifiedCollection:
     changes_deg: FloatArray
     same_chirality: BoolArray
     confidence: FloatArray
+
+    __repr__ = one_line
 
 
 def share_of(bound: float, energy: float) -> float:

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -26,7 +27,7 @@ from scipy.spatial.transform import Rotation
 from collalign.engine.job import Job, Wanted
 from collalign.options import AlignSession
 from collalign.tools.certify.result import JointBound, PairEnergies
-from data_tools.arrays import FloatArray, IntArray, frozen, read_only
+from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.threads import one_blas_thread
 from pairwise.branch_and_bound.tilted import TiltedProof, least_energies, prove_tilted
 from pairwise.certificates.verify import gram_bound
@@ -233,7 +234,7 @@ def problem_of(target: Points, source: Points, group: str) -> Problem:
     return Problem.from_user(target[0], source[0], group=group, invariants=(target[1], source[1]))
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Rounds:
     """The samples of shapes, their keys, the pairs' energies and known poses (m, 3, 3), and who computes."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack
 
@@ -19,7 +19,7 @@ from collalign.confidence.overlap_model import (
 from collalign.options import TwoShapeKeywords, TwoShapeOptions
 from collalign.products.trust import DOUBT
 from collalign.tools.match.on_whole import both_scales, is_closed
-from data_tools.arrays import FloatArray, frozen
+from data_tools.arrays import FloatArray
 from data_tools.checks import as_options
 from data_tools.embedding.surface_points import centre_and_radius, spread_points, surface_cells
 from data_tools.errors import InputError
@@ -40,7 +40,7 @@ from pairwise.partial_match import match_partial
 NUM_POSES = 8
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class PartialPose:
     """A pose of a source on a target that it overlaps in part.
 
@@ -60,7 +60,7 @@ class PartialPose:
     overlap_source: float
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PartialMatch:
     """The pose of a source on a target that it overlaps in part.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
@@ -26,7 +26,7 @@ from collalign.nonrigid.spectral_shape import SpectralShape, prepare_surface
 from collalign.output.vertex_maps import at_vertices
 from collalign.tools.match.every_vertex import vertex_maps
 from collalign.wording import note_text
-from data_tools.arrays import BoolArray, FloatArray, IntArray, frozen, read_only
+from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.checks import as_options
 from data_tools.errors import InputError
 from data_tools.io.objects import ShapeLike, as_origin
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class NonrigidCandidate:
     """One way to match two shapes.
 
@@ -73,7 +73,7 @@ class NonrigidCandidate:
         return "preserving" if value > 0 else "reversing"
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class NonrigidMatch:
     """The map between two shapes and what is known about it.
 

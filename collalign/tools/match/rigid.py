@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Unpack
@@ -14,7 +14,7 @@ from collalign.confidence.candidate_model import candidate_costs
 from collalign.options import AUTO, TwoShapeKeywords, TwoShapeOptions
 from collalign.whole_pairs.match_whole import match_whole
 from collalign.whole_pairs.problem import dense_points
-from data_tools.arrays import FloatArray, frozen
+from data_tools.arrays import FloatArray
 from data_tools.checks import as_options
 from data_tools.embedding.embedding import Samples, sample_file
 from data_tools.io.files import readable_stem
@@ -33,7 +33,7 @@ from pairwise.surface_fit import SurfaceFit, fit_surfaces
 MUCH_BETTER = 1.3
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class RigidMatch:
     """The pose of a source on a target.
 

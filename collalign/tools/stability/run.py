@@ -20,7 +20,7 @@ from collalign.options import AlignOptions
 from collalign.output.collection import Collection
 from collalign.output.loading import load
 from collalign.output.members import Members, statistics_members
-from data_tools.arrays import BoolArray, FloatArray, IntArray, frozen, read_only
+from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.checks import as_options, check_count, check_kinds
 from data_tools.errors import OptionsError
 from data_tools.io.listing import FolderListing
@@ -29,7 +29,7 @@ from data_tools.poses import AGREE_DEG
 from data_tools.threads import one_blas_thread
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Stability:
     """How N shapes fared in V repetitions of their alignment, against the result. Arrays are read-only.
 

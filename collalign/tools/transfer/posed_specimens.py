@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from collalign.tools.transfer.result import (
     NOT_REACHED,
     NOT_REGISTERED,
 )
-from data_tools.arrays import FloatArray, frozen, rms_length
+from data_tools.arrays import FloatArray, rms_length
 from data_tools.io.shapes import read_shape
 from data_tools.options import CleaningOptions
 from data_tools.poses import moved_by
@@ -27,7 +27,7 @@ from data_tools.surface.closest import lies_beyond
 _NUM_RIM_POINTS = 300
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class SpecimenSurface:
     """A specimen on which landmarks are predicted, in the common frame.
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from data_tools.arrays import FloatArray, frozen
+from dataclasses import dataclass
+
+from data_tools.arrays import FloatArray
 from data_tools.io.shapes import CoordinateSystem
 from data_tools.landmark_files import SemilandmarkRows
 from data_tools.notes import Note
@@ -33,7 +35,7 @@ from data_tools.notes import Note
 )
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class TransferredLandmarks:
     """Landmarks on every specimen. Arrays are read-only, lengths in the unit of each specimen's file.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from scipy.spatial import cKDTree
 from collalign.analysis.label_table import known_label
 from collalign.analysis.procrustes import unit_size
 from collalign.output.collection import Collection
-from data_tools.arrays import BoolArray, FloatArray, IntArray, frozen, read_only
+from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
 from data_tools.surface.shape import Shape
@@ -28,7 +29,7 @@ NUM_CLOUD_POINTS = 400
 NUM_NEAR_SHAPES = 16
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Classification:
     """Leave-one-out nearest-neighbour classification.
 

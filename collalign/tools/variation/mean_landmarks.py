@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Container, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from collalign.template_landmarks.table import landmark_table
 from collalign.template_landmarks.templates import read_templates
 from collalign.tools.correspond import DenseCorrespondence
 from collalign.tools.variation.surface_variation import SurfaceVariation
-from data_tools.arrays import FloatArray, frozen
+from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
 from data_tools.landmark_files import Landmarks
 from data_tools.names import by_known_names
@@ -71,7 +72,7 @@ def posed_landmarks(
     return tuple(table.labels[row] for row in alone), posed, (*notes, *table.notes)
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Digitised:
     """Landmarks that were placed several times.
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from collalign.analysis.label_checks import as_numbers, wrong_cells
 from collalign.analysis.shape_tests import NUM_PERMUTATIONS, SEED, SEQUENTIAL, SUMS_OF_SQUARES
-from data_tools.arrays import BoolArray, FloatArray, frozen
+from data_tools.arrays import BoolArray, FloatArray
 from data_tools.checks import check_choice, check_count
 from data_tools.errors import InputError, OptionsError
 from data_tools.names import known_names
@@ -67,7 +67,7 @@ class ShapeTestOptions:
         check_count("seed", self.seed, lower=0)
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Column:
     """A column of labels as tests take it.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import combinations
 from typing import TypedDict
 
@@ -30,7 +31,7 @@ from collalign.tools.variation.shape_model import (
     settled_columns,
 )
 from collalign.tools.variation.surface_variation import NUM_COMPONENTS, SurfaceVariation
-from data_tools.arrays import FloatArray, frozen
+from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
 from data_tools.io.output_folder import OutputFolder
 from data_tools.notes import Note, listed
@@ -120,7 +121,7 @@ _PAIRS_TABLE: list[object] = [
 ]
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class ShapeTests:
     """Tables of tests, each with its heading, and what a reader must know of them.
 

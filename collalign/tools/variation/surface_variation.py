@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from collalign.analysis.shape_tests import NUM_PERMUTATIONS, SEED
 from collalign.analysis.symmetry import ObjectSymmetry, object_symmetry
 from collalign.output.collection import Collection
 from collalign.tools.correspond import DenseCorrespondence
-from data_tools.arrays import BoolArray, FloatArray, IntArray, frozen, read_only, rms_length
+from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only, rms_length
 from data_tools.io.shapes import read_shape
 from data_tools.notes import Note
 from data_tools.poses import moved_by
@@ -35,7 +35,7 @@ QUALITY_HEADING = (
 )
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class SurfaceQuality:
     """How well each specimen is represented. Arrays are read-only; lengths are in the unit of each file.
 
@@ -124,7 +124,7 @@ def surface_quality(
 NUM_COMPONENTS = 6
 
 
-@frozen
+@dataclass(frozen=True, kw_only=True, eq=False)
 class SurfaceVariation:
     """Surfaces of one triangulation, superimposed. Arrays are read-only.
 

@@ -29,7 +29,7 @@ def test_pair_maps_are_in_terms_of_labels():
     labels = np.stack([rng.permutation(K) for _ in range(3)])
     lacking = labels.copy()
     lacking[2][labels[2] == 5] = -1
-    maps = ConsistentMaps(names=tuple("abc"), labels=lacking)
+    maps = ConsistentMaps(tuple("abc"), lacking)
     rolled = np.roll(maps[1, 0], 1)
     pairs = [
         matched(0, 1, [], maps[0, 1]),
