@@ -26,7 +26,7 @@ NUM_PAIRS = 4
 #: Vertices at which a map is evaluated.
 NUM_POINTS = 100
 #: Raised when the maps change.
-VERSION = "5"
+VERSION = "6"
 
 _ABOUT = f"""
 Generated bodies of two kinds (people, children, apes, armadillos; `experiments/generated/bipeds.py`), of which one is
