@@ -211,8 +211,8 @@ SURE = 0.9
 #: Regions whose map at few samples is worse than the best one's by more than this in score are not matched with all
 #: samples, nor are more than so many.
 REGION_LEAD, MOST_REGIONS = 1.0, 3
-#: Nor is one whose map there is not better by this in score than that of the whole surface. Of 9 halves and torsos, on
-#: which maps of the whole are wrong, the best region gains 3.4 to 6.1, once 1.6; without a forearm at most 1.7.
+#: Nor is one whose map there is not better by this in score than that of the whole surface. Of 9 halves and torsos of
+#: which the right region is best, it gains 3.4 to 6.1, and once 1.6. Without a forearm, two gain at most 1.7.
 REGION_GAIN = 2.5
 
 
