@@ -114,11 +114,16 @@ def _loops(vertices: FloatArray, faces: IntArray) -> FloatArray:
     lengths = np.linalg.norm(np.subtract(*vertices[edges.T]), axis=1)
     used, ends = np.unique(edges, return_inverse=True)
     _, loop = vertex_components(len(used), [ends.reshape(-1, 2)])
-    return np.bincount(loop[ends.reshape(-1, 2)[:, 0]], lengths)
+    return np.asarray(np.bincount(loop[ends.reshape(-1, 2)[:, 0]], lengths), dtype=np.float64)
 
 
 def likely_regions(whole: SpectralShape, cut: SpectralShape) -> list[Region]:
-    """Return regions of a surface that another one, which is cut, may be; the likeliest first."""
+    """Return regions of a surface that another one, which is cut, may be; the likeliest first.
+
+    A surface without ends of limbs, such as a point cloud, has none.
+    """
+    if not len(whole.tips.vertices):
+        return []
     small = _small(whole)
     own = _Signature.of(*_small(cut))
     copied = cKDTree(whole.vertices / whole.area**0.5).query(small[0])[1]

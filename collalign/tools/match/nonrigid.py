@@ -319,7 +319,9 @@ def _maps_of_regions(
     is_target = is_cut(source)
     whole, cut = (target, source) if is_target else (source, target)
     regions = likely_regions(whole, cut)
-    pairs = [(one.surface, cut) if is_target else (cut, one.surface) for one in regions]
+    pairs: list[tuple[SpectralShape, SpectralShape]] = [
+        (one.surface, cut) if is_target else (cut, one.surface) for one in regions
+    ]
     of_whole, *scores = (
         screened_from_within(*pair, options)[0].score for pair in ((target, source), *pairs)
     )
@@ -328,6 +330,7 @@ def _maps_of_regions(
     for number in np.argsort(scores, kind="stable")[:MOST_REGIONS].tolist():
         if scores[number] > most:
             break
+        to, of = pairs[int(number)]
         found += [
             replace(
                 one,
@@ -335,7 +338,7 @@ def _maps_of_regions(
                     one.functional_map, whole, cut, is_target=is_target
                 ),
             )
-            for one in _finished_whole(*pairs[number], options)
+            for one in _finished_whole(to, of, options)
         ]
     return found
 

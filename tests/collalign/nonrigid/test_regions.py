@@ -98,9 +98,10 @@ def test_surfaces_that_end_elsewhere_differ_and_copies_do_not(rng):
 
 
 def test_a_surface_without_tips_has_no_regions(bodies):
-    cut = bodies[3]
-    ball = _ball()
-    assert likely_regions(prepare_surface(ball, OPTIONS), cut) == []
+    body, cut = bodies[0], bodies[3]
+    assert likely_regions(prepare_surface(_ball(), OPTIONS), cut) == []
+    cloud = Shape.from_arrays(body.shape.vertices, name="cloud")
+    assert likely_regions(prepare_surface(cloud, OPTIONS), cut) == []
 
 
 def _ball():
