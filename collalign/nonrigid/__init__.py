@@ -6,6 +6,7 @@
 * ``functional_map``: ZoomOut
 * ``refine``: to dense samples and all vertices
 * ``portfolio``: candidate maps, best first
+* ``regions``: regions of a whole surface that a cut one may be
 * ``map_evidence``: how likely a map is
 * ``common_bases``: consistent around cycles
 * ``pose_maps``: poses judged by maps

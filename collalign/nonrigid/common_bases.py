@@ -12,6 +12,7 @@ with the residual as in least absolute deviations.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 
 import networkx as nx
 import numpy as np
@@ -107,8 +108,12 @@ def _power_iteration(
     weighted = weights[:, None, None] * maps
     for _ in range(MAX_STEPS):
         sums = np.zeros_like(bases)
-        np.add.at(sums, source, weighted @ bases[target])
-        np.add.at(sums, target, np.swapaxes(weighted, 1, 2) @ bases[source])
+        asked = (
+            zip(source, weighted @ bases[target], strict=True),
+            zip(target, np.swapaxes(weighted, 1, 2) @ bases[source], strict=True),
+        )
+        for shape, block in chain.from_iterable(asked):  # np.add.at takes as long as the products
+            sums[shape] += block
         before, bases = bases, nearest_orthogonal(sums)
         if float(np.abs(bases - before).max()) < TOLERANCE:
             break

@@ -26,7 +26,7 @@ NUM_PAIRS = 4
 #: Vertices at which a map is evaluated.
 NUM_POINTS = 100
 #: Raised when the maps change.
-VERSION = "4"
+VERSION = "6"
 
 _ABOUT = f"""
 Generated bodies of two kinds (people, children, apes, armadillos; `experiments/generated/bipeds.py`), of which one is
@@ -34,7 +34,8 @@ cut: a part of it is removed, and its surface is open there. {NUM_PAIRS} pairs o
 is cut. Vertices of the whole body whose true place was cut away have no counterpart. *Found* is the share of these
 that the map says have none. *True* is the share of those of which it says so that have none. Errors are geodesic,
 over the square root of the target's area, at {NUM_POINTS} vertices of the source that have a counterpart and an
-image. The reach of the rim was chosen on other bodies of these kinds, with the same cuts.
+image. The reach of the rim, and how regions of the whole body are proposed and compared, were chosen on other bodies
+of these kinds, with the same cuts.
 """
 
 

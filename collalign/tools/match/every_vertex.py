@@ -15,18 +15,16 @@ from scipy.spatial import cKDTree
 
 from collalign.nonrigid.functional_map import FunctionalMap, HarmonicRefiner
 from collalign.nonrigid.portfolio import Refined, has_normals
+from collalign.nonrigid.regions import is_cut
 from collalign.nonrigid.spectral_shape import SpectralShape
 from collalign.nonrigid.tips import edge_net
 from collalign.registration.by_map import fitted_by_map, rim_of
 from collalign.registration.surface import RegistrationSurface, missing_vertices
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.surface.shape import Shape
-from data_tools.surface.topology import boundary_edges, vertex_components
 
 #: A map tears a triangle of a working surface whose corners go farther apart than this, in spacings of vertices.
 MOST_TORN = 3.0
-#: A surface is cut if one of its boundaries is longer than this, in units of sqrt(area): that of a forearm is .16.
-CUT_RIM = 0.1
 #: Samples of a cut surface say where it lies if they are farther from its rim than this, in units of sqrt(area), and
 #: half of them at least. On seven cut bodies 0 finds 61 % of what has no counterpart, .1 69 %, .2 78 % and .3 84 %.
 RIM_REACH = 0.25
@@ -48,11 +46,11 @@ def vertex_maps(
         laid = source.vertices[HarmonicRefiner(target, source).of_all_vertices(found)[1]]
         return _between_files(laid, target, source)
     chirality = -1.0 if chosen.evidence.orientation < 0 else 1.0
-    is_cut = [_is_cut(one) for one in (target, source)]
-    if is_cut == [False, True]:
-        back, forth = _maps_by_fit(source, target, _reversed(found), chirality, is_cut[::-1])
+    cut = [is_cut(one) for one in (target, source)]
+    if cut == [False, True]:
+        back, forth = _maps_by_fit(source, target, _reversed(found), chirality, cut[::-1])
         return forth, back
-    return _maps_by_fit(target, source, found, chirality, is_cut)
+    return _maps_by_fit(target, source, found, chirality, cut)
 
 
 def _reversed(found: FunctionalMap) -> FunctionalMap:
@@ -83,16 +81,6 @@ def _maps_by_fit(
         surface = RegistrationSurface.from_shape(fixed.working_shape)
         backward[moving.in_file[missing_vertices(surface, _laid_points(laid, moving, fixed))]] = -1
     return forward, backward
-
-
-def _is_cut(spectral: SpectralShape) -> bool:
-    """Return whether one of a surface's boundaries is longer than that of a small hole."""
-    edges = boundary_edges(spectral.faces)
-    if not len(edges):
-        return False
-    lengths = np.linalg.norm(np.subtract(*spectral.vertices[edges.T]), axis=1)
-    _, loop = vertex_components(len(spectral.vertices), [edges])
-    return bool(np.bincount(loop[edges[:, 0]], lengths).max() > CUT_RIM * spectral.area**0.5)
 
 
 def _goals(

@@ -1,0 +1,138 @@
+"""The region that a cut body is of another one is among the likeliest, and its maps are maps of the whole."""
+
+import numpy as np
+import pytest
+
+from collalign.nonrigid.functional_map import FunctionalMap
+from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
+from collalign.nonrigid.regions import (
+    LEAST_SHARE,
+    NUM_REGIONS,
+    SAME_SHARE,
+    _Signature,
+    is_cut,
+    likely_regions,
+)
+from collalign.nonrigid.spectral_shape import prepare_surface
+from collalign.tools.match import nonrigid as match_tool
+from data_tools.surface.shape import Shape
+from experiments.generated.bipeds import KINDS, biped
+from experiments.generated.cut_bipeds import cut_biped
+
+OPTIONS = SurfaceOptions(num_functions=40, num_dense=300, num_samples=40)
+
+
+@pytest.fixture(scope="module")
+def bodies():
+    """A person, the lower body of a child, both prepared, and the regions proposed."""
+    whole = biped(KINDS["person"], np.random.default_rng(11))
+    cut = cut_biped(biped(KINDS["child"], np.random.default_rng(12)), "lower body")
+    surfaces = prepare_surface(whole.shape, OPTIONS), prepare_surface(cut.shape, OPTIONS)
+    return whole, cut, *surfaces, likely_regions(*surfaces)
+
+
+def covered(whole, region):
+    inside = np.zeros(len(whole.vertices), dtype=bool)
+    inside[region.at] = True
+    return inside
+
+
+def common(whole, first, second):
+    return whole.mass[first & second].sum() / whole.mass[first | second].sum()
+
+
+def test_the_right_region_is_among_the_likeliest_and_all_are_distinct(bodies):
+    body, cut, whole, _, regions = bodies
+    true = (cut.places[body.to_template] >= 0)[whole.to_original]
+    inside = [covered(whole, one) for one in regions]
+    assert 1 < len(regions) <= NUM_REGIONS
+    assert max(common(whole, one, true) for one in inside) > 0.85
+    assert min(common(whole, one, true) for one in inside) < 0.7
+    for number, one in enumerate(inside):
+        assert whole.mass[one].sum() > 0.5 * LEAST_SHARE
+        assert all(common(whole, one, other) < SAME_SHARE + 0.05 for other in inside[:number])
+
+
+def test_a_region_is_a_surface_of_the_same_places_with_as_many_functions(bodies):
+    whole, regions = bodies[2], bodies[4]
+    for region in regions:
+        np.testing.assert_array_equal(whole.vertices[region.at], region.surface.vertices)
+        assert is_cut(region.surface)
+        assert len(region.surface.eigenvalues) == len(whole.eigenvalues)
+        assert len(region.surface.samples) == len(whole.samples)
+    assert not is_cut(whole)
+
+
+@pytest.mark.parametrize("is_target", [True, False])
+def test_a_map_of_a_region_is_that_map_of_the_whole(bodies, is_target):
+    whole, region = bodies[2], bodies[4][0]
+    own, other = region.surface, region.surface
+    every = np.arange(len(own.dense))
+    same = FunctionalMap(
+        C_source_target=np.eye(41), map_target_source=every, map_source_target=every
+    )
+    found = region.on_whole(same, whole, other, is_target=is_target)
+    images, back = found.map_target_source, found.map_source_target
+    carry = found.C_source_target
+    if not is_target:
+        images, back, carry = back, images, carry.T
+    spacing = np.sqrt(whole.area / len(whole.dense))
+    off = whole.vertices[whole.dense[images]] - own.vertices[own.dense]
+    assert np.linalg.norm(off, axis=1).max() < 2.0 * spacing
+    inside = covered(whole, region)[whole.dense]
+    off = own.vertices[own.dense[back]] - whole.vertices[whole.dense]
+    assert np.linalg.norm(off[inside], axis=1).max() < 2.0 * spacing
+    assert np.linalg.norm(off[~inside], axis=1).max() > 2.0 * spacing
+    low = other.basis[other.dense] @ carry[:, 1:5]
+    off = low - whole.basis[whole.dense[images], 1:5]
+    assert np.sqrt((off**2).mean()) < 0.2
+
+
+def test_surfaces_that_end_elsewhere_differ_and_copies_do_not(rng):
+    body = biped(KINDS["person"], rng)
+    upper, lower = (cut_biped(body, cut).shape for cut in ("upper body", "lower body"))
+    first, second = (_Signature.of(one.vertices, one.faces) for one in (upper, lower))
+    larger = _Signature.of(3.0 * upper.vertices, upper.faces)
+    assert first.gap(larger) < 1e-6
+    assert first.gap(second) > 0.1
+
+
+def test_a_surface_without_tips_has_no_regions(bodies):
+    body, cut = bodies[0], bodies[3]
+    assert likely_regions(prepare_surface(_ball(), OPTIONS), cut) == []
+    cloud = Shape.from_arrays(body.shape.vertices, name="cloud")
+    assert likely_regions(prepare_surface(cloud, OPTIONS), cut) == []
+
+
+def _ball():
+    import trimesh
+
+    mesh = trimesh.creation.icosphere(subdivisions=3)
+    return Shape.from_arrays(np.array(mesh.vertices), np.array(mesh.faces), name="ball")
+
+
+def test_a_lower_body_is_mapped_to_the_lower_body(bodies):
+    body, cut, whole, part, _ = bodies
+    found = match_tool.finished(whole, part, NonrigidOptions())
+    truth = body.places[cut.to_template][part.to_original[part.dense]]
+    images = whole.vertices[whole.dense[found[0].functional_map.map_target_source]]
+    off = np.linalg.norm(images - body.shape.vertices[truth], axis=1) / whole.area**0.5
+    assert off.mean() < 0.1
+    assert len({one.evidence.score for one in found}) == len(found)
+
+
+@pytest.mark.parametrize(
+    ("which", "trust", "is_asked"),
+    [((0, 1), 0.3, True), ((1, 0), 0.3, True), ((0, 1), 0.99, False), ((0, 0), 0.3, False)],
+)
+def test_regions_are_asked_where_one_surface_is_cut_and_the_map_in_doubt(
+    bodies, monkeypatch, which, trust, is_asked
+):
+    asked = []
+    monkeypatch.setattr(match_tool, "_finished_whole", lambda *_: [])
+    monkeypatch.setattr(match_tool, "whole_trust", lambda *_: trust)
+    monkeypatch.setattr(match_tool, "chosen_first", lambda _target, found, _options: found)
+    monkeypatch.setattr(match_tool, "likely_regions", lambda *pair: asked.append(pair) or [])
+    pair = [bodies[2:4][i] for i in which]
+    assert match_tool.finished(*pair, NonrigidOptions()) == []
+    assert asked == ([bodies[2:4]] if is_asked else [])
