@@ -7,6 +7,7 @@
 * ``refine``: to dense samples and all vertices
 * ``portfolio``: candidate maps, best first
 * ``regions``: regions of a whole surface that a cut one may be
+* ``ranked``: candidate maps of two surfaces, and of regions if one is cut
 * ``map_evidence``: how likely a map is
 * ``common_bases``: consistent around cycles
 * ``pose_maps``: poses judged by maps

@@ -16,9 +16,9 @@ from collalign.confidence.map_model import NEAR, Evidence, map_probability, map_
 from collalign.engine.records import Record
 from collalign.nonrigid.map_options import NonrigidOptions
 from collalign.nonrigid.portfolio import Refined, point_terms, standing
+from collalign.nonrigid.ranked import ranked_maps
 from collalign.nonrigid.spectral_shape import SpectralShape
 from collalign.tools.match.every_vertex import vertex_maps
-from collalign.tools.match.nonrigid import finished
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.io.shapes import write_mesh
 from data_tools.rotations import random_rotation
@@ -105,7 +105,7 @@ def measure_body_map(cell: Cell) -> Record:
     maps = map_set(cell.data, settings["set"])
     to, of = (prepared(cell.data, settings, settings[role]) for role in ("target", "source"))
     started = time.process_time()
-    found = finished(to.spectral, of.spectral, NonrigidOptions())
+    found = ranked_maps(to.spectral, of.spectral, NonrigidOptions())
     forward = vertex_maps(to.spectral, of.spectral, found[0])[0]
     seconds = time.process_time() - started
     mirror = mirror_of(cell.data, settings) if maps.data.vertices_correspond else None

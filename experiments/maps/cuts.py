@@ -10,9 +10,10 @@ import numpy as np
 from collalign.confidence.map_model import NEAR
 from collalign.engine.records import Record
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
+from collalign.nonrigid.ranked import ranked_maps
 from collalign.nonrigid.spectral_shape import prepare_surface
 from collalign.tools.match.every_vertex import vertex_maps
-from collalign.tools.match.nonrigid import finished, match_of
+from collalign.tools.match.nonrigid import match_of
 from experiments.experiment import Bench, Cell, Experiment, Outcome
 from experiments.generated.bipeds import KINDS, Biped, biped
 from experiments.generated.cut_bipeds import CUTS, CutBiped, cut_biped
@@ -62,7 +63,7 @@ def measure_cut(cell: Cell) -> Record:
     surface = SurfaceOptions(**settings["surface"])
     target, source = (prepare_surface(one.shape, surface) for one in pair)
     options = NonrigidOptions()
-    found = finished(target, source, options)
+    found = ranked_maps(target, source, options)
     maps = vertex_maps(target, source, found[0])
     match = match_of(target, source, found, maps, num_candidates=options.num_candidates)
     lacking = match.no_counterpart_source if at_target else match.no_counterpart_target

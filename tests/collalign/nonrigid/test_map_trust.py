@@ -14,7 +14,7 @@ from collalign.nonrigid.portfolio import (
     support,
     trust_of,
 )
-from collalign.tools.match.nonrigid import chosen_first
+from collalign.nonrigid.ranked import chosen_first
 
 NUM = 50
 ANGLES = np.arange(NUM) * 2 * np.pi / NUM

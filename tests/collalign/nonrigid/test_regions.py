@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from collalign.nonrigid import ranked
 from collalign.nonrigid.functional_map import FunctionalMap
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.regions import (
@@ -14,7 +15,6 @@ from collalign.nonrigid.regions import (
     likely_regions,
 )
 from collalign.nonrigid.spectral_shape import prepare_surface
-from collalign.tools.match import nonrigid as match_tool
 from data_tools.surface.shape import Shape
 from experiments.generated.bipeds import KINDS, biped
 from experiments.generated.cut_bipeds import cut_biped
@@ -113,7 +113,7 @@ def _ball():
 
 def test_a_lower_body_is_mapped_to_the_lower_body(bodies):
     body, cut, whole, part, _ = bodies
-    found = match_tool.finished(whole, part, NonrigidOptions())
+    found = ranked.ranked_maps(whole, part, NonrigidOptions())
     truth = body.places[cut.to_template][part.to_original[part.dense]]
     images = whole.vertices[whole.dense[found[0].functional_map.map_target_source]]
     off = np.linalg.norm(images - body.shape.vertices[truth], axis=1) / whole.area**0.5
@@ -129,10 +129,10 @@ def test_regions_are_asked_where_one_surface_is_cut_and_the_map_in_doubt(
     bodies, monkeypatch, which, trust, is_asked
 ):
     asked = []
-    monkeypatch.setattr(match_tool, "_finished_whole", lambda *_: [])
-    monkeypatch.setattr(match_tool, "whole_trust", lambda *_: trust)
-    monkeypatch.setattr(match_tool, "chosen_first", lambda _target, found, _options: found)
-    monkeypatch.setattr(match_tool, "likely_regions", lambda *pair: asked.append(pair) or [])
+    monkeypatch.setattr(ranked, "_maps_of_whole", lambda *_: [])
+    monkeypatch.setattr(ranked, "whole_trust", lambda *_: trust)
+    monkeypatch.setattr(ranked, "chosen_first", lambda _target, found, _options: found)
+    monkeypatch.setattr(ranked, "likely_regions", lambda *pair: asked.append(pair) or [])
     pair = [bodies[2:4][i] for i in which]
-    assert match_tool.finished(*pair, NonrigidOptions()) == []
+    assert ranked.ranked_maps(*pair, NonrigidOptions()) == []
     assert asked == ([bodies[2:4]] if is_asked else [])
