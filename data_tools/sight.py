@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import maximum_filter
+from scipy.ndimage import binary_closing, maximum_filter
 from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 
@@ -129,10 +129,17 @@ class DepthImage:
         pixels = np.floor((across - corner) / pixel).astype(np.int64)
         heights = np.full(pixels.max(axis=0) + 1 + TUNED.beside_pixels, -np.inf)
         np.maximum.at(heights, tuple(pixels.T), depth[is_before])
-        around = 2 * TUNED.beside_pixels + 1
-        is_beside = np.isneginf(maximum_filter(heights, size=around, mode="constant", cval=-np.inf))
+        width = 2 * TUNED.beside_pixels + 1
+        is_beside = np.isneginf(maximum_filter(heights, size=width, mode="constant", cval=-np.inf))
+        was_hit = np.isfinite(heights)
         heights = maximum_filter(heights, size=3, mode="constant", cval=-np.inf)
-        heights[np.isneginf(heights)] = np.inf
+        is_seen = np.isfinite(heights)
+        if len(place):
+            # The image ends at its edge: a slanted wall goes on there, nearer than all that was seen of it. Single
+            # empty pixels between points belong to the image.
+            around = np.ones((3, 3), dtype=np.bool_)
+            is_seen = binary_closing(np.pad(was_hit, 1), around)[1:-1, 1:-1]
+        heights[~is_seen] = np.inf
         return cls(
             axes=axes,
             place=place,

@@ -197,4 +197,4 @@ def place_scan(
 
 
 #: Places a scan on its model. The version changes whenever the same surfaces would give other poses.
-PLACING = Job(kind="evidence", version="on-model-2", run=place_scan, reader=LocalPoses)
+PLACING = Job(kind="evidence", version="on-model-3", run=place_scan, reader=LocalPoses)

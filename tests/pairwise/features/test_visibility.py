@@ -8,7 +8,7 @@ from data_tools.datasets.synthetic import range_view
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.surface_points import centre_and_radius, surface_cells
 from data_tools.rotations import random_rotation
-from data_tools.sight import place_of_sight
+from data_tools.sight import DepthImage, place_of_sight
 from data_tools.surface.shape import Shape
 from experiments.generated.rooms import depth_frames, room, way_round
 from pairwise.features.depth_images import sight_conflicts
@@ -115,7 +115,20 @@ def test_a_frame_slid_along_a_corridor_has_walls_on_walls_but_things_in_front(fr
     found = evaluate_poses(*surfaces, poses[:, :3, :3], poses[:, :3, 3])
     assert np.isnan(found.beside).all(), "a frame ends at its edge, which tells nothing"
     front = found.in_front.max(axis=1)
-    assert front[0] < 0.01
-    assert front[1:].max() > 2.0 * front[0] + 0.02
+    assert front[0] < 0.002
+    assert front[1:].max() > 0.01
     odds = overlap_log_odds(found)
     assert odds[0] > odds[1:].max() + 2.0
+
+
+def test_a_slanted_wall_may_go_on_beside_the_image_nearer_than_what_was_seen_of_it():
+    along, up = np.mgrid[1.0:6.0:0.1, -1.0:1.0:0.1].reshape(2, -1)
+    wall = np.stack([along, np.full(along.shape, 1.0), up], axis=1)
+    normals = np.tile([0.0, -1.0, 0.0], (len(wall), 1))
+    seen = wall[along > 2.0]
+    towards = np.array([-0.94, -np.sqrt(1.0 - 0.94**2), 0.0])
+    image = DepthImage.around(np.zeros(3), seen, 0.1)
+    placed = np.stack([wall, wall + 0.5 * towards])
+    in_front = image.conflicts(placed, np.stack([normals, normals]))[:, 0]
+    assert in_front[0] == 0.0
+    assert in_front[1] > 0.1, "a wall that was moved towards the camera is in front"
