@@ -34,7 +34,12 @@ from collalign.stages.incomplete.detect import (
 )
 from collalign.stages.incomplete.on_model import align_on_model
 from collalign.stages.incomplete.parts import align_parts
-from collalign.stages.incomplete.scans import align_scans, match_badly, were_seen
+from collalign.stages.incomplete.scans import (
+    MOST_SCANS,
+    align_scans,
+    match_badly,
+    were_seen,
+)
 from collalign.stages.steps import Matched, Posed, Run, with_group
 from data_tools.arrays import BoolArray, FloatArray, read_only
 from data_tools.errors import InputError
@@ -106,7 +111,7 @@ def _may_be_scans(run: Run) -> bool:
         and options.synchronization == "robust"
         and not options.deformable
         and not run.constraints.fixed
-        and 3 <= len(run.shapes.names) <= MAX_ALL_PAIRS
+        and 3 <= len(run.shapes.names) <= MOST_SCANS
         and any(item.rim != "closed" for item in run.shapes.samples)
         and (not run.shapes.are_assembled or were_seen(run.shapes))
     )

@@ -17,7 +17,6 @@ from collalign.options import AlignSession
 from collalign.products.pair import AlignedPair, Alternative, Pair, median_mismatch
 from collalign.products.shapes import Constraints, Incomplete, Shapes
 from collalign.products.trust import DOUBT
-from collalign.stages.choose_pairs import MAX_ALL_PAIRS
 from collalign.stages.incomplete.add import incomplete_note, label_map
 from collalign.stages.incomplete.join import (
     JOINING_CHANCE,
@@ -70,6 +69,8 @@ SCAN = "scan"
 _STEPS_AN_OCTAVE = 4
 #: Poses that a pair keeps.
 NUM_CANDIDATES = 6
+#: Scans that are joined: all pairs of them are matched.
+MOST_SCANS = 200
 
 
 def were_seen(shapes: Shapes) -> bool:
@@ -87,7 +88,7 @@ def match_badly(shapes: Shapes, pairs: Sequence[Pair]) -> bool:
 def _are_open(shapes: Shapes) -> bool:
     """Return whether most of some shapes have open borders, and most enough points that tell something."""
     opened = np.mean([item.rim != "closed" for item in shapes.samples])
-    if not (3 <= len(shapes.names) <= MAX_ALL_PAIRS and opened > 0.5):
+    if not (3 <= len(shapes.names) <= MOST_SCANS and opened > 0.5):
         return False
     local = [item.local for item in shapes.samples if item.local is not None]
     return bool(local) and np.median([len(one.points) for one in local]) >= TUNED.least_points
@@ -116,10 +117,10 @@ def align_scans(run: Run, pairs: Sequence[Pair], reasons: Mapping[int, str]) -> 
     """
     session, shapes, constraints = run.session, run.shapes, run.constraints
     num = len(shapes.names)
-    if num > MAX_ALL_PAIRS or constraints.fixed:
+    if num > MOST_SCANS or constraints.fixed:
         raise InputError(
             "incomplete: poses of shapes of which at most one is complete are found together, for at most "
-            f"{MAX_ALL_PAIRS} shapes and without fixed poses"
+            f"{MOST_SCANS} shapes and without fixed poses"
         )
     is_scene = shows_scene([item.local for item in shapes.samples if item.local is not None])
     with run.stage("incomplete shapes"):

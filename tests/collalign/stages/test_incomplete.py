@@ -436,8 +436,11 @@ def test_an_open_shape_in_doubt_is_read_as_a_part_where_that_is_surer(planted):
 def test_shapes_are_tried_as_scans_where_nobody_said_otherwise(options, rims, tries):
     run = unmatched_run(AlignOptions(**options), SimpleNamespace(rim=rims, notes=(), local=None))
     assert _may_be_scans(run) == tries
-    run.shapes.names = "ab"
-    assert not _may_be_scans(run)
+    run.shapes.names = "a" * 200
+    assert _may_be_scans(run) == tries
+    for names in ("ab", "a" * 201):
+        run.shapes.names = names
+        assert not _may_be_scans(run), "too few or too many"
 
 
 @pytest.mark.parametrize("seen", [False, True])
