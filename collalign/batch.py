@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -90,22 +91,31 @@ def read_batch(path: str | Path) -> tuple[BatchJob, ...]:
         If an option is unknown or impossible.
     """
     path = Path(path)
+    _refuse_processes(path)
     content = read_toml(path)
     unknown = sorted(content.keys() - {"options", "jobs"})
     if unknown:
         raise InputError(f"{path}: unknown entry {unknown[0]!r}; expected [options] and [[jobs]]")
     entries = content.get("jobs")
     if not isinstance(entries, list) or not entries:
-        raise InputError(
-            f"{path}: no [[jobs]], nothing to do. Each folder is such a table; how many processes work is an option "
-            "of the command (--jobs)"
-        )
+        raise InputError(f"{path}: no [[jobs]], nothing to do")
     shared = {"options": content.get("options", {})}
     jobs = tuple(_job(path, number, entry, shared) for number, entry in enumerate(entries, 1))
     outs = [resolved(job.out) for job in jobs]
     if len(set(outs)) < len(outs):
         raise InputError(f"{path}: two jobs write to the same folder")
     return jobs
+
+
+def _refuse_processes(path: Path) -> None:
+    """Say where the number of processes belongs: it decides no result, and a number of jobs may be no TOML."""
+    text = path.read_bytes() if path.is_file() else b""
+    if asked := re.search(rb"^[ \t]*jobs\s*=\s*(-?\d+)", text, re.MULTILINE):
+        number = int(asked[1])
+        raise InputError(
+            f"{path}: jobs = {number}: how many processes work is an option of the command: `collalign batch "
+            f"{path.name} --jobs {number}` (in Python run={{'jobs': {number}}}). Each folder is a table [[jobs]]"
+        )
 
 
 @one_blas_thread()

@@ -205,7 +205,7 @@ def served(workspace: Workspace, private: Path) -> Server:
 
     Parameters
     ----------
-    workspace : Served
+    workspace : Workspace
     private : Path
         Folder that only this user can look into.
 

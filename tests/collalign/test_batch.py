@@ -91,13 +91,14 @@ def test_jobs_share_options_and_override_them(folder):
     [
         ("seed = 3", InputError, "unknown entry 'seed'"),
         ("[options]\nseed = 3", InputError, "nothing to do"),
-        ("jobs = 3", InputError, "how many processes work is an option of the command"),
-        ("jobs = 3\n[[jobs]]\nfolder = 'x'\nout = 'y'", InputError, "not TOML"),
+        ("jobs = 3", InputError, "batch.toml --jobs 3"),
+        ("jobs = 3\n[[jobs]]\nfolder = 'x'\nout = 'y'", InputError, "batch.toml --jobs 3"),
         (
             "[options]\njobs = 3\n[[jobs]]\nfolder = 'x'\nout = 'y'",
-            OptionsError,
-            "no option 'jobs'",
+            InputError,
+            "batch.toml --jobs 3",
         ),
+        ("[[jobs]]\nfolder = 'x'\nout = 'y'\njobs = 3", InputError, "batch.toml --jobs 3"),
         ("[[jobs]]\nfolder = 'x'\nout = 'y'\nkinds_by = 'age'", OptionsError, "kinds_by: .*folder"),
         ("[[jobs]]\nfolder = 'x'", InputError, "job 1"),
         ("[[jobs]]\nfolder = 'x'\nout = 'y'\nparts = 1", OptionsError, "true or false"),
