@@ -19,9 +19,10 @@ from collalign.align import align_listing
 from collalign.analysis.label_table import Labels, read_labels
 from collalign.cli.check import check_shapes
 from collalign.cli.own_file import read_marks, read_own
-from collalign.console.help import Excluded, Flag, Included, Run
+from collalign.console.help import Excluded, Flag, Included
 from collalign.console.interruption import INCOMPLETE, resumable
 from collalign.console.messages import add_to_summary, elapsed_s, say, say_files, warn
+from collalign.console.running import Run
 from collalign.engine.local_pool import lasting_workers
 from collalign.engine.progress import ProgressBar, progress_display
 from collalign.engine.run_options import RunOptions

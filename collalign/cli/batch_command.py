@@ -6,9 +6,9 @@ from pathlib import Path
 
 from collalign.batch import estimate_job, read_batch
 from collalign.cli.align_command import Given, align
-from collalign.console.help import Run
 from collalign.console.interruption import INCOMPLETE
 from collalign.console.messages import add_to_summary, say, separate_summary, warn
+from collalign.console.running import Run
 from collalign.engine.run_options import RunOptions
 from collalign.stages.forecast import RunEstimate
 from data_tools.errors import CollalignError

@@ -4,4 +4,5 @@
 * ``streams``: closed, full, or read by nobody
 * ``interruption``: Ctrl-C, SIGTERM, SIGHUP
 * ``help``: grouped options
+* ``running``: options of how a command runs
 """

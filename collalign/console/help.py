@@ -8,15 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from cyclopts.help import DefaultFormatter, HelpEntry, HelpPanel
 
-from collalign.engine.run_options import RunOptions
-
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions
 
 #: An option that is given or not.
 Flag = Annotated[bool, Parameter(negative=())]
-#: How a command runs, which decides no result.
-Run = Annotated[RunOptions, Parameter(name="*")]
 #: Shapes that a command leaves out.
 Excluded = Annotated[
     tuple[str, ...],

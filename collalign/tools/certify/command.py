@@ -10,9 +10,10 @@ from typing import Annotated, Any
 import numpy as np
 from cyclopts import Parameter
 
-from collalign.console.help import Flag, Run
+from collalign.console.help import Flag
 from collalign.console.interruption import resumable
 from collalign.console.messages import add_to_summary, say, say_files
+from collalign.console.running import Run
 from collalign.engine.command_line import json_types
 from collalign.engine.run_options import RunOptions
 from collalign.output.certificates import CERTIFIER, PROOF_FILE

@@ -10,9 +10,9 @@ from typing import Annotated
 import numpy as np
 from cyclopts import Parameter
 
-from collalign.console.help import Run
 from collalign.console.interruption import resumable
 from collalign.console.messages import say, say_files
+from collalign.console.running import Run
 from collalign.engine.run_options import RunOptions
 from collalign.output.loading import load
 from collalign.output.write import REPORT_FILE

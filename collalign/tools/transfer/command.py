@@ -14,9 +14,10 @@ import numpy as np
 from cyclopts import Parameter
 
 from collalign.confidence.radius_model import COVERAGE
-from collalign.console.help import Flag, Run
+from collalign.console.help import Flag
 from collalign.console.interruption import INCOMPLETE, resumable
 from collalign.console.messages import add_to_summary, say, say_files, warn
+from collalign.console.running import Run
 from collalign.engine.command_line import json_types
 from collalign.engine.run_options import RunOptions
 from collalign.output.collection import Collection

@@ -9,9 +9,10 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from collalign.analysis.label_table import read_labels
-from collalign.console.help import Excluded, Flag, Run
+from collalign.console.help import Excluded, Flag
 from collalign.console.interruption import resumable
 from collalign.console.messages import add_to_summary, say, say_files, warn
+from collalign.console.running import Run
 from collalign.engine.run_options import RunOptions
 from collalign.output.collection import Collection
 from collalign.output.label_notes import (
