@@ -44,11 +44,11 @@ NUM_FACES, NUM_VALUES = 2500, 20
 #: Shares of the area at which distances to the rim are compared.
 RIM_SHARES = np.linspace(0.025, 0.975, 20)
 #: Weight of the logarithm of the length of rims, relative to the root mean square of logarithms of eigenvalues and to
-#: distances to the rim in units of sqrt(area). On 12 halves and torsos 0 to .3 are alike.
+#: distances to the rim in units of sqrt(area).
 LENGTH_WEIGHT = 0.1
 #: Regions that share this much of what both cover are compared once; of those that share so much one is matched.
 EQUAL_SHARE, SAME_SHARE = 0.97, 0.8
-#: Regions that are matched. For one of 12 halves and torsos none of the first 8 is near the right one.
+#: Regions that are matched.
 NUM_REGIONS = 8
 
 
