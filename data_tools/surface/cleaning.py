@@ -8,6 +8,7 @@ from typing import NamedTuple
 import fast_simplification
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 
 from data_tools.arrays import (
     BoolArray,
@@ -119,10 +120,10 @@ MOST_DROPPED = 0.05
 COMPONENTS_KEPT, PLAIN_LEFT_OUT, SHARED_TAKEN = "components-kept", "plain-pieces", "shared-piece"
 #: Components of less than this share of the largest one's area are not taken for the object.
 LEAST_PIECE = 0.1
-#: What files share tells the object if so many of them hold one piece, and another piece is the object if it is less
-#: unlike what the others hold than this, as a share of the largest one. Set once, on generated bodies beside
-#: cylinders, bent bars and bodies of another kind.
-LEAST_SINGLE, MUCH_LIKER = 1 / 3, 0.5
+#: What files share tells the object if so many of them hold one piece. Another piece than the largest is the object
+#: if it differs from the likest of these less than so many times what the largest does, and than so many times what
+#: they usually differ by from each other.
+LEAST_SINGLE, MUCH_LIKER, AS_USUAL = 1 / 3, 0.5, 1.5
 #: Odd numbers that the bits of x, y and z are multiplied with, modulo 2^64.
 _HASH_FACTORS = np.array(
     [0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64
@@ -373,25 +374,30 @@ def shared_object(signatures: Sequence[FloatArray]) -> tuple[float, ...]:
     """Return the signature of the object that shapes share, where some hold larger pieces; empty elsewhere.
 
     At least :data:`LEAST_SINGLE` of the shapes hold one piece only. Of another shape, a smaller piece is the object
-    where it is much more like what the others hold than its largest piece is.
+    where one of these is much more like it than like the largest piece, and about as like as these are each other.
 
     Parameters
     ----------
     signatures : sequence of ndarray, each (p, 16)
         As of :func:`piece_signatures`, for each shape.
     """
-    if len(signatures) < 2 or np.mean([len(one) == 1 for one in signatures]) < LEAST_SINGLE:
+    single = [i for i, own in enumerate(signatures) if len(own) == 1]
+    if len(signatures) < 2 or len(single) < LEAST_SINGLE * len(signatures):
         return ()
+
+    def unlike(i: int) -> FloatArray:
+        """Return what each piece of a shape differs by from the likest of the other single ones, shape (p,)."""
+        others = np.vstack(
+            [np.empty((0, NUM_QUANTILES)), *(signatures[j] for j in single if j != i)]
+        )
+        return cdist(signatures[i], others).min(axis=1, initial=np.inf)
+
+    usual = AS_USUAL * float(np.median([unlike(i)[0] for i in single]))
     chosen = []
-    for i, own in enumerate(signatures):
-        gaps = [
-            np.linalg.norm(own[:, None] - other, axis=2).min(axis=1)
-            for j, other in enumerate(signatures)
-            if j != i
-        ]
-        unlike = np.median(gaps, axis=0)
-        best = int(np.argmin(unlike))
-        chosen.append(best if unlike[best] < MUCH_LIKER * unlike[0] else 0)
+    for i in range(len(signatures)):
+        of_pieces = unlike(i)
+        best = int(np.argmin(of_pieces))
+        chosen.append(best if of_pieces[best] < min(MUCH_LIKER * of_pieces[0], usual) else 0)
     if not any(chosen):
         return ()
     objects = [own[at] for own, at in zip(signatures, chosen, strict=True)]

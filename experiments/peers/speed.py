@@ -332,7 +332,8 @@ def installed_mib(name: str) -> float:
             continue
         if one == name:
             packages = (ROOT / package for package in ("collalign", "pairwise", "data_tools"))
-            size += sum(f.stat().st_size for p in packages for f in p.rglob("*") if f.is_file())
+            files = (file for package in packages for file in package.rglob("*") if file.is_file())
+            size += sum(f.stat().st_size for f in files if "node_modules" not in f.parts)
         else:
             paths = (Path(str(file.locate())) for file in distribution.files or ())
             size += sum(path.stat().st_size for path in paths if path.is_file())

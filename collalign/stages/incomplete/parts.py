@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -34,6 +34,7 @@ from collalign.stages.incomplete.posed_points import prepare_points
 from collalign.stages.incomplete.scans import framed_poses, universe_labels
 from collalign.stages.poses.synchronize import synchronize_pairs
 from collalign.stages.steps import Posed, Run
+from collalign.stages.trust.assess import times_side_chances
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, Holds, IntArray, read_only
 from data_tools.partial_surface import PartialSurface
@@ -116,8 +117,7 @@ def align_parts(
             return None
         first = _first_transforms(pairs, solution)
         transforms, found = _in_rounds(run, surfaces, pairs, first)
-    posed = _posed(run, matched, pairs, transforms, found)
-    return with_sides(posed, side_chances)
+    return _posed(run, matched, pairs, transforms, found, side_chances)
 
 
 def match_pairs_in_part(
@@ -241,6 +241,7 @@ def _posed(
     pairs: Mapping[tuple[int, int], PartPoses],
     transforms: FloatArray,
     found: Mapping[int, Record],
+    side_chances: Mapping[int, float],
 ) -> Posed:
     """Return what follows from the poses; all open shapes count as incomplete: none tells what the others lack."""
     shapes, partners = run.shapes, _partners(pairs, run.shapes)
@@ -249,7 +250,13 @@ def _posed(
     chances = np.array([pose_chance(found[i]) for i in range(len(partners))])
     most = np.array([chances[own].mean() for own in partners])
     strange = np.array([lies_elsewhere(found[i]) for i in range(len(partners))])
-    confidence = np.where(strange, 0.5, 1.0) * chances * most
+    limits = [
+        "no-relative" if odd else "partners" if limit < own else ""
+        for odd, limit, own in zip(strange, most, chances, strict=True)
+    ]
+    confidence, limited_by = times_side_chances(
+        np.where(strange, 0.5, 1.0) * chances * most, limits, side_chances
+    )
     aligned = [
         aligned_pair(ends, poses.rotations, poses.energies, rotations, labels)
         for ends, poses in pairs.items()
@@ -280,23 +287,7 @@ def _posed(
         labels=labels,
         consensus=universe,
         notes=(incomplete_note(shapes.names, incomplete),),
-        side_chances={},
-        limited_by=tuple(
-            "no-relative" if odd else "partners" if limit < own else ""
-            for odd, limit, own in zip(strange, most, chances, strict=True)
-        ),
-        incomplete=incomplete,
-    )
-
-
-def with_sides(posed: Posed, side_chances: Mapping[int, float]) -> Posed:
-    """Return poses whose confidences are multiplied by the chances of sides that are in doubt."""
-    confidence, limited_by = posed.solution.confidence.copy(), [*posed.limited_by]
-    for i, chance in side_chances.items():
-        confidence[i], limited_by[i] = chance * confidence[i], "side"
-    return replace(
-        posed,
-        solution=replace(posed.solution, confidence=read_only(confidence)),
-        limited_by=tuple(limited_by),
         side_chances=side_chances,
+        limited_by=tuple(limited_by),
+        incomplete=incomplete,
     )

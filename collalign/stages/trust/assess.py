@@ -421,6 +421,16 @@ def confidence_by_evidence(trust: Trust | None, num: int) -> FloatArray:
     return np.full(num, np.nan) if trust is None else pose_confidence(trust)
 
 
+def times_side_chances(
+    confidence: FloatArray, limited_by: Sequence[str], side_chances: Mapping[int, float]
+) -> tuple[FloatArray, list[str]]:
+    """Return confidences (N,), times the chances of sides that are in doubt, and what limits each."""
+    confidence, limited_by = confidence.copy(), [*limited_by]
+    for i, chance in side_chances.items():
+        confidence[i], limited_by[i] = chance * confidence[i], "side"
+    return confidence, limited_by
+
+
 def with_trust(
     solution: SynchronizationResult,
     trust: Trust,
@@ -442,8 +452,7 @@ def with_trust(
         limit = float(half_sure(confidence[i]))
         if confidence[i] > limit:
             confidence[i], limited_by[i] = limit, code
-    for i, chance in side_chances.items():
-        confidence[i], limited_by[i] = chance * confidence[i], "side"
+    confidence, limited_by = times_side_chances(confidence, limited_by, side_chances)
     alternatives = []
     for i, (rivals, excess) in enumerate(zip(trust.rivals, trust.excess, strict=True)):
         share = np.exp(-RIVAL_POWER * (excess - excess.min())) if len(excess) else excess

@@ -63,7 +63,7 @@ def read_obj(source: Source) -> RawShape:
 
 def _lost(text: str, point: str) -> tuple[Note, ...]:
     """Return the note that names what else the file has; colours stand behind the coordinates of a vertex."""
-    words = {"vt": "texture coordinates", "usemtl": "materials"}
+    words = {"vt": "texture coordinates", "usemtl": "materials", "l": "lines"}
     things = [
         thing for word, thing in words.items() if re.search(rf"^{word}\s", text, re.MULTILINE)
     ]

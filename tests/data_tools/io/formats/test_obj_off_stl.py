@@ -9,6 +9,7 @@ import pytest
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
 from data_tools.io.formats.obj_off_stl import read_obj, read_stl
+from data_tools.io.formats.raw_shape import not_kept
 from data_tools.io.source import Source
 
 TRIANGLES = blob(np.random.default_rng(3), num_vertices=60)
@@ -106,3 +107,15 @@ SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 3 4\n"
 def test_a_last_face_that_breaks_off_is_refused():
     with pytest.raises(InputError, match=r"face 3 has 2 corners \(truncated\?\)"):
         read_obj(Source(Path("a.obj"), (SQUARE + "f 1 3").encode()))
+
+
+@pytest.mark.parametrize(
+    ("more", "things"),
+    [
+        ("l 1 2 3\n", ["lines"]),
+        ("usemtl wood\nvt 0 0\n", ["materials", "texture coordinates"]),
+        ("# l 1 2\ng lid\n", []),
+    ],
+)
+def test_what_an_obj_file_loses_is_named(more, things):
+    assert read_obj(Source(Path("a.obj"), (SQUARE + more).encode())).notes == not_kept(things)
