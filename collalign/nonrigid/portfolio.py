@@ -51,8 +51,8 @@ SETTLING = (SMOOTHNESS,) * 3
 ANNEALED = tuple(np.geomspace(1e-2, SMOOTHNESS, 8).tolist())
 
 #: Candidates less than this worse in score than the best one where surfaces are laid onto each other at few samples
-#: are laid at all samples, and so many at most: 6 of 21 on 16 pairs of bodies and animals, with the same choices.
-LAID_LEAD, MOST_LAID = 1.0, 12
+#: are laid at all samples, and so many at most: 5 of 21 on 16 pairs of bodies and animals, with the same choices.
+LAID_LEAD, MOST_LAID = 1.0, 10
 #: Surfaces of so many samples are laid at all of them at once.
 MOST_FEW = 400
 #: A map from within that is stated this or more needs no other starts. Of 30 pairs of SCAPE and 8
