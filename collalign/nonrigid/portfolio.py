@@ -143,12 +143,13 @@ class _Laying:
     def __init__(
         self, target: SpectralShape, source: SpectralShape, options: NonrigidOptions
     ) -> None:
-        self._every, self._few = Layer(target, source, options), None
+        self._every = Layer(target, source, options)
+        self._few: Layer | None = None
         self._scores: dict[Refined, float] = {}
         self._found: dict[Refined, Refined] = {}
         if options.orientation == "preserving" and len(target.dense) > MOST_FEW:
-            small = (one.coarse(NUM_POINTS, NUM_FUNCTIONS) for one in (target, source))
-            self._few = Layer(*small, options)
+            to, of = (one.coarse(NUM_POINTS, NUM_FUNCTIONS) for one in (target, source))
+            self._few = Layer(to, of, options)
 
     @property
     def mapper(self) -> PoseMapper:
