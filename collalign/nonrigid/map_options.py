@@ -20,7 +20,7 @@ class SurfaceOptions:
     num_functions : int
         Laplace-Beltrami eigenfunctions computed; refinement ends with all of them.
     num_samples : int
-        Euclidean farthest points, starting at extrema of the average geodesic distance; the paper's n.
+        Geodesic farthest points, starting at extrema of the average geodesic distance; the paper's n.
     num_dense : int
         Euclidean farthest points on which candidates are refined and judged.
     max_faces : int

@@ -149,7 +149,7 @@ class SpectralShape:
     curvature : ndarray, shape (w, t)
         Smoothed mean curvatures; NaN for a point cloud.
     samples, dense : ndarray of int
-        Working vertices: Euclidean farthest points in order, the first with ends of limbs at the start.
+        Working vertices: geodesic farthest points in order, and Euclidean farthest points.
     orientation : ndarray, shape (len(dense), q, q)
         Orientation form of the lowest functions; NaN for a point cloud.
     tips : Tips
@@ -248,8 +248,9 @@ def prepare_surface(shape: Shape, options: SurfaceOptions | None = None) -> Spec
     lowest = Spectrum(
         eigen.values[:NUM_SPECTRUM], eigen.functions[:, :NUM_SPECTRUM], eigen.mass, eigen.kind
     )
-    seeds = surface.seeds(NUM_SEEDS)
-    samples = farthest_points(working, options.num_samples, metric="euclidean", seeds=seeds)
+    samples = farthest_points(
+        working, options.num_samples, seeds=surface.seeds(NUM_SEEDS), solver=surface.geodesics
+    )
     in_file = shape.file_indices
     places = _places(shape.vertices[kept], working.vertices)
     to_working = np.full(shape.file_size or len(shape.vertices), -1)

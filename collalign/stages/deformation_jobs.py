@@ -53,7 +53,7 @@ def prepare_detailed(path: Origin, name: str, digest: str, options: SurfaceOptio
 
 
 #: Prepares a surface in full. The version changes whenever the same file would give another one.
-DETAILING = Job(kind="surfaces", version="detailed-8", run=prepare_detailed, reader=SpectralShape)
+DETAILING = Job(kind="surfaces", version="detailed-7", run=prepare_detailed, reader=SpectralShape)
 
 
 def prepare_all_detailed(
