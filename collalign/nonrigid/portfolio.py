@@ -50,6 +50,11 @@ SETTLING = (SMOOTHNESS,) * 3
 #: The same on the way from a rough start.
 ANNEALED = tuple(np.geomspace(1e-2, SMOOTHNESS, 8).tolist())
 
+#: Candidates less than this worse in score than the best one where surfaces are laid onto each other at few samples
+#: are laid at all samples, and so many at most: 5 of 21 on 16 pairs of bodies and animals, with the same choices.
+LAID_LEAD, MOST_LAID = 1.0, 10
+#: Surfaces of so many samples are laid at all of them at once.
+MOST_FEW = 400
 #: A map from within that is stated this or more needs no other starts. Of 30 pairs of SCAPE and 8
 #: of bipeds one gets better by others, which is stated .91.
 SURE_FROM_WITHIN = 0.95
@@ -69,32 +74,99 @@ class Refined:
         return self.evidence.score + (TUNED.posed_handicap if self.origin == FROM_POSES else 0.0)
 
 
+class Layer:
+    """Lays two meshes onto each other by candidate maps, prepared once for all of them.
+
+    Parameters
+    ----------
+    target, source : SpectralShape
+    options : NonrigidOptions
+    """
+
+    def __init__(
+        self, target: SpectralShape, source: SpectralShape, options: NonrigidOptions
+    ) -> None:
+        self.mapper = PoseMapper(sampled_surface(target), sampled_surface(source))
+        self._shells, self._options = ShellRefiner(target, source), options
+
+    def laid(self, coarse: Refined) -> Refined:
+        """Return what a map leads to on all samples where the surfaces are laid onto each other, smooth both ways."""
+        options = self._options
+        target, source = self.mapper.target.spectral, self.mapper.source.spectral
+        maps = self._shells.refine(
+            *_at_all_samples(target, source, coarse), chirality=chirality_of(coarse, options)
+        )
+        found = HarmonicRefiner(target, source).refine(*maps, SETTLING)
+        settled_map = with_pose_evidence(
+            self.mapper, refined_with_evidence(target, source, found, coarse.origin), options
+        )
+        limbs = limb_gap(
+            self._shells.target,
+            self._shells.source,
+            found,
+            chirality=chirality_of(settled_map, options),
+        )
+        return replace(settled_map, evidence=replace(settled_map.evidence, limbs=limbs))
+
+
 def find_candidates(
-    target: SpectralShape, source: SpectralShape, options: NonrigidOptions
+    target: SpectralShape, source: SpectralShape, screened: list[Refined], options: NonrigidOptions
 ) -> list[Refined]:
     """Return distinct refined candidates, best evidence first.
 
-    Starts are screened with few samples and functions; the best are refined with all. Those from within come first.
+    Starts are screened with few samples and functions. Surfaces are laid onto each other by the best, at few samples
+    first; those that can still win are refined with all. Those from within, ``screened``, come first.
     If they leave the map in doubt, matched tips and poses start others, where there are normals: shapes of a class
     may look alike where their insides differ.
     """
-    coarse = _likely(screened_from_within(target, source, options), options)
+    coarse = _likely(screened, options)
     if not has_normals(target, source):
         return distinct_maps([settled(target, source, one) for one in coarse])
-    mapper, shells = (
-        PoseMapper(sampled_surface(target), sampled_surface(source)),
-        ShellRefiner(target, source),
-    )
-    found = [laid(shells, mapper, one, options) for one in coarse]
-    if options.orientation == "preserving" and _is_sure(target, distinct_maps(found), options):
-        return distinct_maps(found)
-    others: list[Refined] = []
-    for screened in (
-        screened_from_tips(mapper, target, source, options),
-        screened_from_poses(mapper, options),
+    laying = _Laying(target, source, options)
+    found = laying.leading(coarse)
+    if options.orientation == "preserving" and _is_sure(target, found, options):
+        return found
+    for started in (
+        screened_from_tips(laying.mapper, target, source, options),
+        screened_from_poses(laying.mapper, options),
     ):
-        others += _others(_likely(screened, options), coarse + others)
-    return distinct_maps(found + [laid(shells, mapper, one, options) for one in others])
+        coarse += _others(_likely(started, options), coarse)
+    return laying.leading(coarse)
+
+
+class _Laying:
+    """Lays two surfaces onto each other by candidates: by all at few samples, and in full by those that can win.
+
+    Surfaces of few samples, and those of which both orientations are asked for, are laid in full by all.
+    """
+
+    def __init__(
+        self, target: SpectralShape, source: SpectralShape, options: NonrigidOptions
+    ) -> None:
+        self._every = Layer(target, source, options)
+        self._few: Layer | None = None
+        self._scores: dict[Refined, float] = {}
+        self._found: dict[Refined, Refined] = {}
+        if options.orientation == "preserving" and len(target.dense) > MOST_FEW:
+            to, of = (one.coarse(NUM_POINTS, NUM_FUNCTIONS) for one in (target, source))
+            self._few = Layer(to, of, options)
+
+    @property
+    def mapper(self) -> PoseMapper:
+        """Between the dense samples."""
+        return self._every.mapper
+
+    def leading(self, coarse: list[Refined]) -> list[Refined]:
+        """Return the distinct maps of candidates that can win, best evidence first."""
+        kept = coarse if self._few is None else self._near_best(self._few, coarse)
+        self._found |= {one: self._every.laid(one) for one in kept if one not in self._found}
+        return distinct_maps([self._found[one] for one in kept])
+
+    def _near_best(self, few: Layer, coarse: list[Refined]) -> list[Refined]:
+        self._scores |= {one: few.laid(one).score for one in coarse if one not in self._scores}
+        ranked = sorted(coarse, key=lambda one: self._scores[one])
+        most = self._scores[ranked[0]] + LAID_LEAD
+        return [one for one in ranked[:MOST_LAID] if self._scores[one] < most]
 
 
 def _is_sure(target: SpectralShape, found: list[Refined], options: NonrigidOptions) -> bool:
@@ -107,18 +179,15 @@ def candidates_from(
     target: SpectralShape, source: SpectralShape, poses: FloatArray, options: NonrigidOptions
 ) -> list[Refined]:
     """Return distinct candidates that poses (m, 3, 3) of two meshes start, best evidence first."""
-    mapper, shells = (
-        PoseMapper(sampled_surface(target), sampled_surface(source)),
-        ShellRefiner(target, source),
-    )
-    few = at_few_samples(mapper)
+    layer = Layer(target, source, options)
+    few = at_few_samples(layer.mapper)
     coarse = [
         refined_with_evidence(
             few.target.spectral, few.source.spectral, few.map_from(pose), FROM_POSES
         )
         for pose in poses
     ]
-    return distinct_maps([laid(shells, mapper, one, options) for one in coarse])
+    return distinct_maps([layer.laid(one) for one in coarse])
 
 
 def with_others_from_poses(
@@ -188,10 +257,11 @@ def posed_candidates(few: PoseMapper, options: NonrigidOptions) -> list[Refined]
     options : NonrigidOptions
         Whether maps that swap left and right are asked for.
     """
-    maps = few.maps_from_signs()
-    for start in axis_poses(few.target, few.source, mirrored=options.orientation == "any"):
-        plain = few.map_from(start)
-        maps += [plain, few.oriented(plain, preserving=bool(np.linalg.det(start) > 0))]
+    mirrored = options.orientation == "any"
+    poses = axis_poses(few.target, few.source, mirrored=mirrored)
+    maps: list[FunctionalMap] = []
+    for plain, chirality in few.likely_maps(poses, TUNED.num_likely, mirrored=mirrored):
+        maps += [plain, few.oriented(plain, preserving=chirality > 0)]
     return _best_posed(few, maps, options)[: TUNED.num_posed]
 
 
@@ -236,24 +306,6 @@ def with_pose_evidence(mapper: PoseMapper, candidate: Refined, options: Nonrigid
     )
 
 
-def laid(
-    shells: ShellRefiner, mapper: PoseMapper, coarse: Refined, options: NonrigidOptions
-) -> Refined:
-    """Return what a map leads to with all samples where the surfaces are laid onto each other, smooth both ways."""
-    target, source = mapper.target.spectral, mapper.source.spectral
-    maps = shells.refine(
-        *_at_all_samples(target, source, coarse), chirality=chirality_of(coarse, options)
-    )
-    found = HarmonicRefiner(target, source).refine(*maps, SETTLING)
-    settled_map = with_pose_evidence(
-        mapper, refined_with_evidence(target, source, found, coarse.origin), options
-    )
-    limbs = limb_gap(
-        shells.target, shells.source, found, chirality=chirality_of(settled_map, options)
-    )
-    return replace(settled_map, evidence=replace(settled_map.evidence, limbs=limbs))
-
-
 def mended(
     target: SpectralShape, source: SpectralShape, torn: Refined, options: NonrigidOptions
 ) -> Refined:
@@ -266,10 +318,7 @@ def mended(
     coarse = replace(
         torn, functional_map=HarmonicRefiner(target, source).refine(*maps, ANNEALED[:1])
     )
-    mapper = PoseMapper(sampled_surface(target), sampled_surface(source))
-    return min(
-        torn, laid(ShellRefiner(target, source), mapper, coarse, options), key=lambda one: one.score
-    )
+    return min(torn, Layer(target, source, options).laid(coarse), key=lambda one: one.score)
 
 
 def sharpened(target: SpectralShape, source: SpectralShape, chosen: Refined) -> Refined:
@@ -299,9 +348,10 @@ def settled(target: SpectralShape, source: SpectralShape, coarse: Refined) -> Re
 def _at_all_samples(
     target: SpectralShape, source: SpectralShape, coarse: Refined
 ) -> tuple[IntArray, IntArray]:
-    c = coarse.functional_map.C_source_target
     on_target, on_source = target.basis[target.dense], source.basis[source.dense]
-    return mutual_nearest_rows(on_target[:, : len(c)], on_source[:, : len(c)] @ c)
+    size = min(on_target.shape[1], len(coarse.functional_map.C_source_target))
+    c = coarse.functional_map.C_source_target[:size, :size]
+    return mutual_nearest_rows(on_target[:, :size], on_source[:, :size] @ c)
 
 
 def chirality_of(candidate: Refined, options: NonrigidOptions) -> float:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from collalign.nonrigid.map_options import NonrigidOptions
 from collalign.nonrigid.portfolio import (
     SURE_FROM_WITHIN,
@@ -18,14 +16,21 @@ from collalign.nonrigid.portfolio import (
     sharpened,
     whole_trust,
 )
-from collalign.nonrigid.regions import is_cut, likely_regions
+from collalign.nonrigid.regions import (
+    Region,
+    is_cut,
+    likely_regions,
+    region_of,
+    region_options,
+)
 from collalign.nonrigid.spectral_shape import SpectralShape
+from data_tools.arrays import BoolArray
 
 #: Regions whose map at few samples is worse than the best one's by more than this in score are not matched with all
 #: samples, nor are more than so many.
 REGION_LEAD, MOST_REGIONS = 1.0, 3
 #: Nor is one whose map there is not better by this in score than that of the whole surface.
-REGION_GAIN = 2.5
+REGION_GAIN = 1.5
 
 
 def ranked_maps(
@@ -36,50 +41,57 @@ def ranked_maps(
     If one surface alone is cut and the map is in doubt, the other one is cropped as well: the likeliest regions of it
     (:mod:`collalign.nonrigid.regions`) are matched, and their maps are candidates too.
     """
-    found = _maps_of_whole(target, source, options)
+    screened = screened_from_within(target, source, options)
+    found = _maps_of_whole(target, source, screened, options)
     if is_cut(target) == is_cut(source) or whole_trust(target, found, 0) >= SURE_FROM_WITHIN:
         return found
-    found = distinct_maps([*found, *_maps_of_regions(target, source, options)])
+    most = screened[0].score - REGION_GAIN
+    found = distinct_maps([*found, *_maps_of_regions(target, source, most, options)])
     return chosen_first(target, found, options)
 
 
 def _maps_of_whole(
-    target: SpectralShape, source: SpectralShape, options: NonrigidOptions
+    target: SpectralShape, source: SpectralShape, screened: list[Refined], options: NonrigidOptions
 ) -> list[Refined]:
-    """Return what :func:`ranked_maps` does of two surfaces as they are."""
-    chosen, *others = chosen_first(target, find_candidates(target, source, options), options)
+    """Return what :func:`ranked_maps` does of two surfaces as they are, by their maps from within at few samples."""
+    found = find_candidates(target, source, screened, options)
+    chosen, *others = chosen_first(target, found, options)
     return [sharpened(target, source, mended(target, source, chosen, options)), *others]
 
 
 def _maps_of_regions(
-    target: SpectralShape, source: SpectralShape, options: NonrigidOptions
+    target: SpectralShape, source: SpectralShape, most: float, options: NonrigidOptions
 ) -> list[Refined]:
-    """Return candidates of regions of the surface that is not cut, as maps of all of it."""
+    """Return candidates of regions of the surface that is not cut, as maps of all of it.
+
+    Regions whose map at few samples has a score above ``most`` have none.
+    """
     is_target = is_cut(source)
     whole, cut = (target, source) if is_target else (source, target)
-    regions = likely_regions(whole, cut)
-    if not regions:
-        return []
-    pairs: list[tuple[SpectralShape, SpectralShape]] = [
-        (one.surface, cut) if is_target else (cut, one.surface) for one in regions
-    ]
-    of_whole, *scores = (
-        screened_from_within(*pair, options)[0].score for pair in ((target, source), *pairs)
-    )
-    most = min([of_whole - REGION_GAIN, *(score + REGION_LEAD for score in scores)])
+
+    def pair(region: Region) -> tuple[SpectralShape, SpectralShape]:
+        return (region.surface, cut) if is_target else (cut, region.surface)
+
+    looks = region_options(whole, is_screened=True)
+    judged: list[tuple[float, BoolArray]] = []
+    for kept in likely_regions(whole, cut):
+        if small := region_of(whole, kept, looks):
+            judged.append((screened_from_within(*pair(small), options)[0].score, kept))
+    judged.sort(key=lambda one: one[0])
     found: list[Refined] = []
-    for number in np.argsort(scores, kind="stable")[:MOST_REGIONS].tolist():
-        if scores[number] > most:
+    for score, kept in judged[:MOST_REGIONS]:
+        if score > min(most, judged[0][0] + REGION_LEAD):
             break
-        to, of = pairs[int(number)]
+        region = region_of(whole, kept, region_options(whole, is_screened=False))
+        if region is None:
+            continue
+        to, of = pair(region)
         found += [
             replace(
                 one,
-                functional_map=regions[number].on_whole(
-                    one.functional_map, whole, cut, is_target=is_target
-                ),
+                functional_map=region.on_whole(one.functional_map, whole, cut, is_target=is_target),
             )
-            for one in _maps_of_whole(to, of, options)
+            for one in _maps_of_whole(to, of, screened_from_within(to, of, options), options)
         ]
     return found
 

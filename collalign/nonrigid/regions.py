@@ -24,10 +24,11 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from collalign.nonrigid.functional_map import SMOOTHNESS, FunctionalMap, fitted_map
-from collalign.nonrigid.map_options import SurfaceOptions
+from collalign.nonrigid.map_options import TUNED, SurfaceOptions
 from collalign.nonrigid.spectral_shape import SpectralShape, prepare_surface
 from collalign.nonrigid.tips import edge_net
 from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.errors import InputError
 from data_tools.surface.cleaning import clean, decimate
 from data_tools.surface.laplacian import spectrum, surface_operators
 from data_tools.surface.shape import Shape
@@ -48,8 +49,8 @@ RIM_SHARES = np.linspace(0.025, 0.975, 20)
 LENGTH_WEIGHT = 0.1
 #: Regions that share this much of what both cover are compared once; of those that share so much one is matched.
 EQUAL_SHARE, SAME_SHARE = 0.97, 0.8
-#: Regions that are matched.
-NUM_REGIONS = 8
+#: Regions that are compared at few samples, and their triangles there.
+NUM_REGIONS, MAX_FACES = 8, 6000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -117,15 +118,18 @@ def _loops(vertices: FloatArray, faces: IntArray) -> FloatArray:
     return np.asarray(np.bincount(loop[ends.reshape(-1, 2)[:, 0]], lengths), dtype=np.float64)
 
 
-def likely_regions(whole: SpectralShape, cut: SpectralShape) -> list[Region]:
-    """Return regions of a surface that another one, which is cut, may be; the likeliest first.
+def likely_regions(whole: SpectralShape, cut: SpectralShape) -> list[BoolArray]:
+    """Return regions of a surface that another one, which is cut, may be, as working vertices (w,); likeliest first.
 
     A surface without ends of limbs, such as a point cloud, has none.
     """
     if not len(whole.tips.vertices):
         return []
     small = _small(whole)
-    own = _Signature.of(*_small(cut))
+    try:
+        own = _Signature.of(*_small(cut))
+    except InputError:  # what a cut leaves may be too poor a surface
+        return []
     copied = cKDTree(whole.vertices / whole.area**0.5).query(small[0])[1]
     covered: list[BoolArray] = []
     gaps: list[float] = []
@@ -138,15 +142,17 @@ def likely_regions(whole: SpectralShape, cut: SpectralShape) -> list[Region]:
         inside[used] = True
         if any(_common_share(inside, other) > EQUAL_SHARE for other in covered):
             continue
+        try:
+            gaps.append(own.gap(_Signature.of(small[0][used], faces)))
+        except InputError:
+            continue
         covered.append(inside)
         chosen.append(kept)
-        gaps.append(own.gap(_Signature.of(small[0][used], faces)))
     distinct: list[int] = []
     for number in np.argsort(gaps, kind="stable").tolist():
         if all(_common_share(covered[number], covered[other]) <= SAME_SHARE for other in distinct):
             distinct.append(number)
-    regions = (_region(whole, chosen[number]) for number in distinct[:NUM_REGIONS])
-    return [one for one in regions if one is not None]
+    return [chosen[number] for number in distinct[:NUM_REGIONS]]
 
 
 def _proposed(whole: SpectralShape) -> Iterator[BoolArray]:
@@ -187,22 +193,40 @@ def _largest_piece(faces: IntArray, kept: BoolArray) -> tuple[IntArray, IntArray
     return used[largest], place[corners[largest[corners[:, 0]]]]
 
 
-def _region(whole: SpectralShape, kept: BoolArray) -> Region | None:
-    """Return the largest piece of a region, None if that has too few vertices to be matched."""
+def region_of(whole: SpectralShape, kept: BoolArray, options: SurfaceOptions) -> Region | None:
+    """Return the largest piece of a region as a surface, None if no map can be made of that.
+
+    Parameters
+    ----------
+    whole : SpectralShape
+    kept : ndarray of bool, shape (w,)
+        Working vertices of the whole.
+    options : SurfaceOptions
+        Of the region.
+    """
     used, faces = _largest_piece(whole.faces, kept)
-    num = len(whole.eigenvalues)
-    if len(used) < max(2 * num, len(whole.samples)):
+    if len(used) < 2 * options.num_functions:
         return None
-    options = SurfaceOptions(
+    crop = Shape.from_arrays(whole.vertices[used], faces, name=whole.name)
+    try:
+        surface = prepare_surface(crop, options)
+    except InputError:  # too few vertices, or too poor a surface
+        return None
+    return Region(surface=surface, at=used[surface.to_original])
+
+
+def region_options(whole: SpectralShape, *, is_screened: bool) -> SurfaceOptions:
+    """Return how regions of a surface are prepared: like itself, or with little for a first look."""
+    num = len(whole.eigenvalues)
+    if is_screened:
+        num = min(num, TUNED.screen_last)
+    dense = TUNED.num_screen_samples if is_screened else len(whole.dense)
+    return SurfaceOptions(
         num_functions=num,
         num_samples=len(whole.samples),
-        num_dense=max(len(whole.dense), 2 * num),
-        max_faces=max(len(whole.faces), 1000),
+        num_dense=max(dense, 2 * num),
+        max_faces=MAX_FACES if is_screened else max(len(whole.faces), MAX_FACES),
     )
-    surface = prepare_surface(
-        Shape.from_arrays(whole.vertices[used], faces, name=whole.name), options
-    )
-    return Region(surface=surface, at=used[surface.to_original])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -68,17 +68,15 @@ class ArapSolver:
 
     def __init__(self, rest: Shape) -> None:
         operators = surface_operators(rest)
-        stiffness = coo_array(operators.stiffness)
-        off = (stiffness.row != stiffness.col) & (stiffness.data < 0)
-        self._at, self._to = stiffness.row[off], stiffness.col[off]
-        self._weights = -stiffness.data[off]
-        centred = rest.vertices - rest.vertices.mean(axis=0)
-        self.radius = float(np.sqrt((centred**2).sum(axis=1).mean()))
-        self._rest, self.mass = rest.vertices, operators.mass
-        num, edges = len(rest.vertices), np.arange(int(off.sum()))
-        self._sum = csr_array((np.ones(len(edges)), (self._at, edges)), shape=(num, len(edges)))
-        weights = csc_array((self._weights, (self._at, self._to)), shape=(num, num))
-        self._stiffness = diags_array(np.asarray(weights.sum(axis=1)).ravel()) - weights
+        off = coo_array(operators.stiffness)
+        kept = (off.row != off.col) & (off.data < 0)
+        ends, shape = (off.row[kept], off.col[kept]), off.shape
+        self._weights = csr_array((-off.data[kept], ends), shape=shape)
+        self._total = np.asarray(self._weights.sum(axis=1)).ravel()
+        self._rest = rest.vertices - rest.vertices.mean(axis=0)
+        self.radius = float(np.sqrt((self._rest**2).sum(axis=1).mean()))
+        self.mass = operators.mass
+        self._stiffness = csc_array(diags_array(self._total) - self._weights)
 
     def pull(
         self, goals: MapGoals, trust: FloatArray, length: float
@@ -98,24 +96,32 @@ class ArapSolver:
 
     def rotated_edges(self, moved: FloatArray) -> FloatArray:
         """Return the weighted sum of each vertex's edges at rest, rotated like those of the moved surface (v, 3)."""
-        rest, _, rotations = self._edges(moved)
-        rotated = np.einsum("eij,ej->ei", rotations, rest)
-        return np.asarray(self._sum @ (self._weights[:, None] * rotated))
+        return self._turned_edges(self._rotations(moved), self._rest)
 
     def rotated_back(self, moved: FloatArray) -> FloatArray:
         """Return the weighted sum of each vertex's edges on the moved surface (v, 3), rotated back."""
-        _, now, rotations = self._edges(moved)
-        rotated = np.einsum("eji,ej->ei", rotations, now)
-        return np.asarray(self._sum @ (self._weights[:, None] * rotated))
+        return self._turned_edges(np.swapaxes(self._rotations(moved), 1, 2), moved)
 
-    def _edges(self, moved: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return edges at rest and now, (e, 3), and the mean of the rotations at their ends, (e, 3, 3)."""
-        rest = self._rest[self._at] - self._rest[self._to]
-        now = moved[self._at] - moved[self._to]
-        of_edges = self._weights[:, None, None] * now[:, :, None] * rest[:, None, :]
-        products = self._sum @ of_edges.reshape(-1, 9)
-        rotations = nearest_orthogonal(products.reshape(-1, 3, 3), determinant=1.0)
-        return rest, now, 0.5 * (rotations[self._at] + rotations[self._to])
+    def _rotations(self, moved: FloatArray) -> FloatArray:
+        """Return how each vertex's edges are rotated on the moved surface (v, 3), shape (v, 3, 3)."""
+        now = moved - moved.mean(axis=0)
+        ends = (now[:, :, None] * self._rest[:, None, :]).reshape(-1, 9)
+        sums = self._weights @ np.hstack([ends, now])
+        products = sums[:, :9].reshape(-1, 3, 3) - sums[:, 9:, None] * self._rest[:, None, :]
+        products += now[:, :, None] * self._edges(self._rest)[:, None, :]
+        return nearest_orthogonal(products, determinant=1.0)
+
+    def _edges(self, places: FloatArray) -> FloatArray:
+        """Return the weighted sum of the edges of each vertex, shape (v, 3)."""
+        return np.asarray(self._total[:, None] * places - self._weights @ places)
+
+    def _turned_edges(self, rotations: FloatArray, places: FloatArray) -> FloatArray:
+        """Return that of edges which are rotated by the mean of the rotations (v, 3, 3) at their ends."""
+        turned = np.einsum("vij,vj->vi", rotations, places)
+        sums = self._weights @ np.hstack([rotations.reshape(-1, 9), turned])
+        there = np.einsum("vij,vj->vi", sums[:, :9].reshape(-1, 3, 3), places) - sums[:, 9:]
+        here = np.einsum("vij,vj->vi", rotations, self._edges(places))
+        return np.asarray(0.5 * (here + there))
 
 
 #: Times that the map is evaluated where it can be trusted, and for each that places and rotations are found in turn.

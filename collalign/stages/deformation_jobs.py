@@ -16,6 +16,7 @@ from collalign.nonrigid.portfolio import (
     agreements,
     find_candidates,
     refined_with_evidence,
+    screened_from_within,
     support,
     trust_of,
     with_others_from_poses,
@@ -97,7 +98,9 @@ class RefinedMap:
 def candidate_maps(surfaces: tuple[SpectralShape, SpectralShape], mirrored: bool) -> CandidateMaps:
     """Return all maps of a pair, whose source may have to be mirrored; runs inside a worker."""
     target, source = (one.coarse(NUM_FEW_SAMPLES, NUM_FEW_FUNCTIONS) for one in surfaces)
-    found = find_candidates(target, source.mirrored if mirrored else source, NonrigidOptions())
+    source, options = source.mirrored if mirrored else source, NonrigidOptions()
+    within = screened_from_within(target, source, options)
+    found = find_candidates(target, source, within, options)
     sides = np.array([one.evidence.orientation for one in found])
     log_odds = support(agreements(target, found), sides)
     able = np.flatnonzero(np.isfinite(log_odds))
@@ -113,8 +116,8 @@ def refine_map(surfaces: tuple[SpectralShape, SpectralShape], start: FloatArray)
 
 #: Map a pair. The version changes whenever the same surfaces and starts would give other maps.
 CANDIDATES, REFINING = (
-    Job(kind="evidence", version="consistent-9", run=candidate_maps, reader=CandidateMaps),
-    Job(kind="evidence", version="consistent-9", run=refine_map, reader=RefinedMap),
+    Job(kind="evidence", version="consistent-10", run=candidate_maps, reader=CandidateMaps),
+    Job(kind="evidence", version="consistent-10", run=refine_map, reader=RefinedMap),
 )
 
 

@@ -60,7 +60,7 @@ MIXED = {
     ANIMALS: {"cat": 6, "dog": 4},
 }
 #: Raised when the maps change: of pairs, and of folders.
-VERSION, MIXED_VERSION = "4", "2"
+VERSION, MIXED_VERSION = "5", "3"
 #: Columns of the evidence in a record.
 EVIDENCE = tuple(one.name for one in fields(Evidence))
 #: Maps that are stated this or more are sure.

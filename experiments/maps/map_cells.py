@@ -14,7 +14,7 @@ import numpy as np
 
 from collalign.engine.records import Record
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
-from collalign.nonrigid.portfolio import find_candidates
+from collalign.nonrigid.portfolio import find_candidates, screened_from_within
 from collalign.nonrigid.spectral_shape import SpectralShape, prepare_surface
 from collalign.tools.match.nonrigid import match_prepared
 from data_tools.arrays import IntArray
@@ -234,8 +234,9 @@ def _mirror(data: Path, set_name: str, surface: str) -> Mirror | None:
     shape = _prepared(data, set_name, name, surface).spectral
     marks = maps.landmarks(name)
     evaluator = MapEvaluator(maps.data.shape(name), marks[maps.data.mirror])
-    found = []
-    for self_map in find_candidates(shape, shape, NonrigidOptions(orientation="any")):
+    found, options = [], NonrigidOptions(orientation="any")
+    within = screened_from_within(shape, shape, options)
+    for self_map in find_candidates(shape, shape, within, options):
         c = self_map.functional_map.C_source_target
         image = in_files(dense_point_maps(shape, shape, c)[0], shape, shape)
         found.append(Mirror(image=image, error=float(evaluator.errors(image[marks]).direct.mean())))

@@ -10,7 +10,7 @@ from collalign.nonrigid.map_evidence import measure_evidence
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.map_starts import ShellRefiner
 from collalign.nonrigid.portfolio import (
-    laid,
+    Layer,
     mended,
     refined_with_evidence,
     sharpened,
@@ -128,16 +128,12 @@ def test_laying_surfaces_onto_each_other_mends_maps_both_ways_alike(bodies, sign
 
 
 def test_normals_turn_maps_over_that_exchange_front_and_back(bodies):
-    mapper, rest = PoseMapper(*(sampled_surface(one) for one in bodies)), bodies[0].vertices
+    rest = bodies[0].vertices
     over = np.where(np.arange(3) == np.argmin(np.ptp(rest, axis=0)), -1.0, 1.0)
     gaps = np.linalg.norm(over * rest[bodies[1].dense][:, None] - rest[bodies[0].dense], axis=2)
     wrong = as_map(bodies, (gaps.argmin(axis=1), gaps.argmin(axis=0)))
-    found = laid(
-        ShellRefiner(*bodies),
-        mapper,
-        refined_with_evidence(*bodies, wrong, "poses"),
-        NonrigidOptions(),
-    ).functional_map
+    start = refined_with_evidence(*bodies, wrong, "poses")
+    found = Layer(*bodies, NonrigidOptions()).laid(start).functional_map
     assert off(bodies, found.map_target_source) < 0.04 < off(bodies, wrong.map_target_source)
 
 

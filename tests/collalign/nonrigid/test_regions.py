@@ -1,9 +1,11 @@
 """The region that a cut body is of another one is among the likeliest, and its maps are maps of the whole."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from collalign.nonrigid import ranked
+from collalign.nonrigid import ranked, regions
 from collalign.nonrigid.functional_map import FunctionalMap
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.regions import (
@@ -13,8 +15,11 @@ from collalign.nonrigid.regions import (
     _Signature,
     is_cut,
     likely_regions,
+    region_of,
+    region_options,
 )
 from collalign.nonrigid.spectral_shape import prepare_surface
+from data_tools.errors import InputError
 from data_tools.surface.shape import Shape
 from experiments.generated.bipeds import KINDS, biped
 from experiments.generated.cut_bipeds import cut_biped
@@ -28,7 +33,8 @@ def bodies():
     whole = biped(KINDS["person"], np.random.default_rng(11))
     cut = cut_biped(biped(KINDS["child"], np.random.default_rng(12)), "lower body")
     surfaces = prepare_surface(whole.shape, OPTIONS), prepare_surface(cut.shape, OPTIONS)
-    return whole, cut, *surfaces, likely_regions(*surfaces)
+    regions = [region_of(surfaces[0], one, OPTIONS) for one in likely_regions(*surfaces)]
+    return whole, cut, *surfaces, [one for one in regions if one is not None]
 
 
 def covered(whole, region):
@@ -88,6 +94,32 @@ def test_a_map_of_a_region_is_that_map_of_the_whole(bodies, is_target):
     assert np.sqrt((off**2).mean()) < 0.2
 
 
+def test_regions_of_which_no_map_can_be_made_are_left_out(bodies, monkeypatch):
+    whole, cut = bodies[2:4]
+    nothing = np.zeros(len(whole.vertices), dtype=bool)
+    few = whole.agd >= np.quantile(whole.agd, 0.99)
+    assert region_of(whole, nothing, OPTIONS) is None
+    assert region_of(whole, few, OPTIONS) is None
+    kept = likely_regions(whole, cut)[0]
+    looks = region_options(whole, is_screened=True)
+    small = region_of(whole, kept, looks)
+    assert len(small.surface.eigenvalues) == looks.num_functions <= len(whole.eigenvalues)
+
+    def refuse(shape, options):
+        raise InputError("a strange crop")
+
+    monkeypatch.setattr(regions, "prepare_surface", refuse)
+    assert region_of(whole, kept, OPTIONS) is None
+    found = ranked.ranked_maps(whole, cut, NonrigidOptions())
+    assert {len(one.functional_map.map_target_source) for one in found} == {len(cut.dense)}
+    monkeypatch.setattr(regions, "surface_operators", refuse_operators)
+    assert likely_regions(whole, cut) == []
+
+
+def refuse_operators(shape):
+    raise InputError("too poor")
+
+
 def test_surfaces_that_end_elsewhere_differ_and_copies_do_not(rng):
     body = biped(KINDS["person"], rng)
     upper, lower = (cut_biped(body, cut).shape for cut in ("upper body", "lower body"))
@@ -130,6 +162,7 @@ def test_regions_are_asked_where_one_surface_is_cut_and_the_map_in_doubt(
 ):
     asked = []
     monkeypatch.setattr(ranked, "_maps_of_whole", lambda *_: [])
+    monkeypatch.setattr(ranked, "screened_from_within", lambda *_: [SimpleNamespace(score=0.0)])
     monkeypatch.setattr(ranked, "whole_trust", lambda *_: trust)
     monkeypatch.setattr(ranked, "chosen_first", lambda _target, found, _options: found)
     monkeypatch.setattr(ranked, "likely_regions", lambda *pair: asked.append(pair) or [])

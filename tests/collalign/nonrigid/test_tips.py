@@ -16,6 +16,7 @@ from collalign.nonrigid.portfolio import (
     SURE_FROM_WITHIN,
     find_candidates,
     likeliest,
+    screened_from_within,
     whole_trust,
 )
 from collalign.nonrigid.spectral_shape import prepare_surface
@@ -122,10 +123,14 @@ def test_a_half_turn_leaves_more_across_limbs_than_the_right_map_and_other_sides
     assert as_reflection == pytest.approx(gap, abs=0.1)
 
 
+def candidates_of(target, source, options):
+    return find_candidates(target, source, screened_from_within(target, source, options), options)
+
+
 def test_the_best_candidate_of_two_kinds_is_right_and_fits_across_limbs(bodies):
     target, source = bodies[1]
     right = map_of(bodies, turn=np.eye(3)).map_target_source
-    found = find_candidates(target, source, NonrigidOptions())
+    found = candidates_of(target, source, NonrigidOptions())
     places = target.vertices[target.dense] / target.area**0.5
     off = [
         np.linalg.norm(places[one.functional_map.map_target_source] - places[right], axis=1).mean()
@@ -141,7 +146,7 @@ def test_poses_and_tips_start_maps_only_where_those_from_within_are_in_doubt(bod
 
     def tried(shape, *, orientation="preserving"):
         options = NonrigidOptions(orientation=orientation)
-        found = find_candidates(target, shape, options)
+        found = candidates_of(target, shape, options)
         sure = whole_trust(target, found, likeliest(target, found, options))
         return sure, {one.origin for one in found} & {FROM_TIPS, FROM_POSES}
 
