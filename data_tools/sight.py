@@ -40,7 +40,9 @@ class SightTuning(NamedTuple):
     middle: float = 0.4
     """... and where their mean is no farther off than this share of the farthest one."""
     steepest: float = 0.15
-    """A surface was seen from one direction if at most 3 % of its normals are steeper than this cosine, ..."""
+    """A surface was seen from one direction if its normals are steeper than this cosine ..."""
+    most_steep: float = 0.03
+    """... for at most this share of them, ..."""
     most_hidden: float = 0.1
     """... and at most this share of its points lie behind others."""
     slack: float = 0.02
@@ -72,6 +74,8 @@ class SightTuning(NamedTuple):
 #: The numbers in use.
 TUNED = SightTuning()
 _TINY = float(np.finfo(float).tiny) ** 0.25
+#: Normals that directions meet at once.
+_AT_ONCE = 125
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -270,24 +274,19 @@ def lines_of_sight(points: FloatArray) -> FloatArray:
     if len(points) < TUNED.least_points:
         return np.empty((0, 3))
     points = points[:: -(-len(points) // TUNED.most_points)]
-    distances, near = cKDTree(points).query(points, k=min(TUNED.num_around + 1, len(points)))
-    reach = np.maximum(distances[:, -1], np.finfo(float).tiny)
-    spread = points[near] - points[near].mean(axis=1, keepdims=True)
-    variances, axes = np.linalg.eigh(np.swapaxes(spread, 1, 2) @ spread)
-    normals, arms = axes[:, :, 0], spread[:, 0]
-    few = slice(None, None, -(-len(points) // TUNED.most_normals))
+    tree, few = cKDTree(points), slice(None, None, -(-len(points) // TUNED.most_normals))
     directions = half_sphere(TUNED.num_directions)
-    cosines = np.abs(normals[few] @ directions.T)
-    num_steep = np.count_nonzero(cosines < TUNED.steepest, axis=0)
-    likely = np.flatnonzero(num_steep <= int(0.03 * len(cosines)))
+    likely = _seldom_steep(_neighbourhoods(tree, points[few])[2], directions)
     if not len(likely):
         return np.empty((0, 3))
+    reach, variances, normals, arms = _neighbourhoods(tree, points)
     is_inner = variances[few, 0] < TUNED.flat * variances[few, 1]
     is_inner &= np.linalg.norm(arms[few], axis=1) < TUNED.middle * reach[few]
     inner = np.flatnonzero(is_inner)
     residuals = np.zeros(len(likely))
     if len(inner):
-        areas = np.log(np.maximum(cosines[np.ix_(inner, likely)], 0.1))
+        cosines = np.abs(normals[few][inner] @ directions[likely].T)
+        areas = np.log(np.maximum(cosines, 0.1))
         areas += 2.0 * np.log(reach[few][inner])[:, None]
         residuals = np.abs(areas - np.median(areas, axis=0)).mean(axis=0)
     order = np.argsort(residuals, kind="stable")[: TUNED.num_likely]
@@ -306,6 +305,36 @@ def lines_of_sight(points: FloatArray) -> FloatArray:
     falling = np.vdot(slopes, arms) - (slopes @ sights[0]) @ (arms @ sights[0])
     sights = sights * np.where(sights @ sights[0] < 0.0, -1.0, 1.0)[:, None]
     return sights if falling >= 0 else -sights
+
+
+def _neighbourhoods(
+    tree: cKDTree, points: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return how far neighbourhoods of points (n, 3) of a tree reach (n,), and their planes.
+
+    These are variances (n, 3), ascending, normals (n, 3), and arms (n, 3) from the middle of each to its point.
+    """
+    distances, near = tree.query(points, k=min(TUNED.num_around + 1, tree.n))
+    around = tree.data[near]
+    spread = around - around.mean(axis=1, keepdims=True)
+    variances, axes = np.linalg.eigh(np.swapaxes(spread, 1, 2) @ spread)
+    reach = np.maximum(distances[:, -1], np.finfo(float).tiny)
+    return reach, variances, axes[:, :, 0], spread[:, 0]
+
+
+def _seldom_steep(normals: FloatArray, directions: FloatArray) -> IntArray:
+    """Return which directions (t, 3) hardly any of the normals (n, 3) is steep to, ascending.
+
+    Most are out after a part of the normals.
+    """
+    most, likely = int(TUNED.most_steep * len(normals)), np.arange(len(directions))
+    num_steep = np.zeros(len(directions), dtype=np.int64)
+    for first in range(0, len(normals), _AT_ONCE):
+        some = normals[first : first + _AT_ONCE]
+        steep = np.abs(some @ directions[likely].T) < TUNED.steepest
+        num_steep[likely] += np.count_nonzero(steep, axis=0)
+        likely = likely[num_steep[likely] <= most]
+    return likely
 
 
 def _share_hidden(
