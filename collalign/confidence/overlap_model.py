@@ -34,7 +34,7 @@ ORDER_ODDS = 2.5
 ROUGH_DEG, ROUGH_ODDS = 30.0, 3.2
 #: So much of an image of a scene is in front of what another one saw where joined poses are right, at most: these and
 #: the place of a camera are off.
-HARMLESS = 0.02
+HARMLESS = 0.017
 #: Shares of matches below this count as this: a match more or less says nothing.
 LEAST_SHARE = 0.01
 #: No pose of a pair is surer than this: what looks alike may not be the same place.

@@ -62,7 +62,7 @@ RIGHT_DEG, RIGHT_CELLS = 10.0, 5.0
 #: What hints may add to log-odds.
 MOST_ODDS = 12.0
 #: Joined poses are nearly right: they have up to so many times as much in front of what was seen as right ones.
-JOINED = 3.0
+JOINED = 2.5
 #: How much the squared weights count beside the mean log loss. Of 1e-5 to 1e-4 frames of rooms are judged best by it
 #: where weights are fitted on the others.
 RIDGE = 2.5e-5
