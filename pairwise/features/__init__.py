@@ -4,6 +4,7 @@
 * ``overlap``: how well surfaces overlap at a pose, and which pose wins
 * ``partners``: nearest points whose normals agree, compiled
 * ``point_pairs``: poses of a part on its whole by votes of pairs of points
+* ``votes``: votes of pairs of points, compiled
 * ``on_whole``: the poses of a scan on its model, and whether it turns freely there
 * ``depth_images``: poses by how far both reach, and conflicts with lines of sight
 

@@ -62,6 +62,8 @@ def pair_vote_poses(
     whole, part : LocalSurface
         In one unit of length, with cells of about the same size.
     """
+    from pairwise.features.votes import counted_votes, most_voted
+
     cell = max(whole.cell, part.cell)
     to, of = whole.few(TUNED.num_whole), part.few(TUNED.num_part)
     places, normals = whole.points[to], whole.normals[to]
@@ -76,19 +78,11 @@ def pair_vote_poses(
     starts, ends = (
         np.searchsorted(theirs.keys[order], own.keys, side) for side in ("left", "right")
     )
-    counts = ends - starts
-    pair = np.repeat(np.arange(len(counts)), counts)
-    alike = order[np.arange(len(pair)) + np.repeat(starts - (np.cumsum(counts) - counts), counts)]
-    shape = len(references), len(places), TUNED.num_turns
-    turn = (theirs.turns[alike] - own.turns[pair]) / (2.0 * np.pi) * TUNED.num_turns
-    box = own.first[pair] * len(places) + theirs.first[alike]
-    whole_turn = np.floor(turn)
-    box = box * TUNED.num_turns + whole_turn.astype(np.int64) % TUNED.num_turns
-    # What many pairs of the whole look like, such as those of a plate, says little of each of them.
-    weights = np.sqrt(1.0 / np.maximum(counts, 1))[pair]
-    own_votes, own_turns = (
-        np.bincount(box, each, int(np.prod(shape))).reshape(shape)
-        for each in (weights, weights * (turn - whole_turn))
+    own_votes, own_turns = counted_votes(
+        (starts, ends, order),
+        (own.first, theirs.first),
+        (own.turns, theirs.turns),
+        (len(references), len(places), TUNED.num_turns),
     )
     # A step counts its neighbours by half, and turns by the mean of all that vote for it.
     before, after = (np.roll(own_votes, by, axis=2) for by in (1, -1))
@@ -96,7 +90,7 @@ def pair_vote_poses(
     turned = np.roll(own_turns, 1, axis=2) - before + np.roll(own_turns, -1, axis=2) + after
     flat = votes.reshape(len(references), -1)
     means = (own_turns + 0.5 * turned).reshape(flat.shape) / np.maximum(flat, _TINY)
-    best = np.argsort(-flat, axis=1, kind="stable")[:, : TUNED.num_places]
+    best = most_voted(flat, TUNED.num_places)
     place, step = np.divmod(best.ravel(), TUNED.num_turns)
     reference = np.repeat(references, best.shape[1])
     steps = step + np.take_along_axis(means, best, axis=1).ravel()

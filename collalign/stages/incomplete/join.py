@@ -335,7 +335,7 @@ def _contradictions(
     found = np.zeros((len(members), len(others)))
     for m, i in enumerate(members.tolist()):
         for n, j in enumerate(others.tolist()):
-            if surfaces[i].depth_images and surfaces[j].depth_images:
+            if surfaces[i].depth_images or surfaces[j].depth_images:
                 relative = np.linalg.inv(transforms[i]) @ transforms[j]
                 in_front, beside = sight_conflicts(
                     surfaces[i], surfaces[j], relative[None, :3, :3], relative[None, :3, 3]

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from collalign.confidence.overlap_model import (
+    HARMLESS,
     MOST_CERTAIN,
     chances_of,
+    conflict_log_odds,
     on_whole_log_odds,
     overlap_log_odds,
 )
@@ -76,6 +78,42 @@ def test_what_lies_in_front_of_what_was_seen_contradicts_a_pose():
     one_sided = poses_of((0.6, 0.1), in_front=0.1)
     one_sided.in_front[0, 0] = np.nan
     assert overlap_chances(one_sided)[0] == unknown
+
+
+def scene_poses(*, overlaps=(0.5, 0.5), mismatch=0.6, consensus=0.15, in_front=(0.0, 0.0)):
+    """One pose of two images of a room: nothing is known beside them."""
+    return replace(
+        poses_of((0.5, consensus)),
+        overlaps=np.array([overlaps]),
+        mismatch=np.array([mismatch]),
+        in_front=np.array([in_front]),
+        beside=np.full((1, 2), np.nan),
+    )
+
+
+def test_in_a_scene_both_images_share_much_and_what_they_share_is_alike():
+    usual = overlap_chances(scene_poses())[0]
+    assert 0.5 < usual < overlap_chances(scene_poses(mismatch=0.55))[0]
+    assert overlap_chances(scene_poses(mismatch=0.9))[0] < 0.5 * usual
+    # A wall that is all of one image lies on walls at many places.
+    assert overlap_chances(scene_poses(overlaps=(0.1, 0.9)))[0] < 0.5 * usual
+    mismatch_of_things = [
+        overlap_chances(replace(poses_of((0.6, 0.1)), mismatch=np.array([one])))[0]
+        for one in (0.2, 0.8)
+    ]
+    assert mismatch_of_things[0] == mismatch_of_things[1]
+
+
+def test_in_a_scene_either_camera_contradicts_and_one_place_is_enough():
+    none, one, both, unknown = (
+        overlap_chances(scene_poses(in_front=shares))[0]
+        for shares in ((0.0, 0.0), (0.02, 0.0), (0.02, 0.02), (0.02, np.nan))
+    )
+    assert none > one > both
+    assert unknown == one
+    odds = conflict_log_odds(np.array([[0.05, 0.0], [0.05, 0.05]]), np.full((2, 2), np.nan))
+    assert 0.0 < odds[0] == pytest.approx(0.5 * odds[1])
+    assert not conflict_log_odds(np.full((1, 2), 0.5 * HARMLESS), np.full((1, 2), np.nan)).any()
 
 
 def test_no_pose_is_certain_and_no_poses_have_no_chances():
