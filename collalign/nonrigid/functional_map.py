@@ -35,6 +35,8 @@ from data_tools.errors import InputError, OptionsError
 _BLOCK_ROWS = 128
 #: Distance matrices with more entries than this are large.
 _SMALL_ENTRIES = 250_000
+#: Added to the diagonal of normal equations, relative to their trace, so that they have a solution.
+_RIDGE = 1e-9
 #: One target sample for each source sample, and the inverse.
 PointMaps: TypeAlias = tuple[IntArray, IntArray]
 
@@ -179,7 +181,9 @@ class ZoomOut:
             back = source[backward]
             across = np.swapaxes(back, 1, 2)
             products = source.T @ target[forward] + across @ target
-            maps = np.linalg.solve(source.T @ source + across @ back, products)
+            gram = source.T @ source + across @ back
+            traces = np.trace(gram, axis1=1, axis2=2)[:, None, None]
+            maps = np.linalg.solve(gram + _RIDGE * traces * np.eye(size), products)
             to = np.hstack([target, np.sqrt(size) * self._extra_target])
             extra = np.sqrt(size) * self._extra_source
             moved = [np.hstack([one, extra]) for one in source @ maps]
@@ -227,7 +231,7 @@ def fitted_map(
     at, to = np.concatenate([known, backward[back]]), np.concatenate([forward[known], back])
     counts = np.bincount(at, minlength=len(source))
     gram = source.T @ (source * counts[:, None])
-    gram.flat[:: len(gram) + 1] += 1e-9 * np.trace(gram) + counts.sum() * cost
+    gram.flat[:: len(gram) + 1] += _RIDGE * np.trace(gram) + counts.sum() * cost
     pairs = csr_array((np.ones(len(at)), (at, to)), shape=(len(source), len(target)))
     _, fitted, is_singular = dposv(gram, source.T @ (pairs @ target))
     if is_singular:
