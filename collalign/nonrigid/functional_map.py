@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from scipy.linalg.lapack import dposv
@@ -35,10 +35,6 @@ from data_tools.errors import InputError, OptionsError
 _BLOCK_ROWS = 128
 #: Distance matrices with more entries than this are large.
 _SMALL_ENTRIES = 250_000
-#: Added to the diagonal of normal equations, relative to their trace, so that they have a solution.
-_RIDGE = 1e-9
-#: One target sample for each source sample, and the inverse.
-PointMaps: TypeAlias = tuple[IntArray, IntArray]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -164,50 +160,6 @@ class ZoomOut:
             C_source_target=c, map_target_source=forward, map_source_target=backward
         )
 
-    def screen(self, starts: Sequence[PointMaps]) -> list[tuple[float, FunctionalMap]]:
-        """Refine maps of few samples together, and return them with how well they fit, the best first.
-
-        The fit is the mean squared distance of nearest rows in the largest number of functions, both ways together.
-
-        Parameters
-        ----------
-        starts : sequence of pair of ndarray of int, shapes (v,) and (u,)
-            One target sample for each source sample, and the inverse; all known.
-        """
-        found = list(starts)
-        for size in self._sizes:
-            target, source = self._target[:, :size], self._source[:, :size]
-            forward, backward = (np.stack(side) for side in zip(*found, strict=True))
-            back = source[backward]
-            across = np.swapaxes(back, 1, 2)
-            products = source.T @ target[forward] + across @ target
-            gram = source.T @ source + across @ back
-            traces = np.trace(gram, axis1=1, axis2=2)[:, None, None]
-            maps = np.linalg.solve(gram + _RIDGE * traces * np.eye(size), products)
-            to = np.hstack([target, np.sqrt(size) * self._extra_target])
-            extra = np.sqrt(size) * self._extra_source
-            moved = [np.hstack([one, extra]) for one in source @ maps]
-            found = [mutual_nearest_rows(to, of) for of in moved]
-        gaps = [row_gap(to, of, own) for of, own in zip(moved, found, strict=True)]
-        return [
-            (
-                gaps[i],
-                FunctionalMap(
-                    C_source_target=maps[i],
-                    map_target_source=found[i][0],
-                    map_source_target=found[i][1],
-                ),
-            )
-            for i in np.argsort(gaps, kind="stable").tolist()
-        ]
-
-
-def row_gap(target: FloatArray, source: FloatArray, maps: PointMaps) -> float:
-    """Return the mean squared distance of rows (u, q) and (v, q) that maps match, both ways together."""
-    there, back = maps
-    gaps = ((target[there] - source) ** 2).sum(axis=1), ((target - source[back]) ** 2).sum(axis=1)
-    return float(gaps[0].mean() + gaps[1].mean())
-
 
 def fitted_map(
     target: FloatArray,
@@ -231,7 +183,7 @@ def fitted_map(
     at, to = np.concatenate([known, backward[back]]), np.concatenate([forward[known], back])
     counts = np.bincount(at, minlength=len(source))
     gram = source.T @ (source * counts[:, None])
-    gram.flat[:: len(gram) + 1] += _RIDGE * np.trace(gram) + counts.sum() * cost
+    gram.flat[:: len(gram) + 1] += 1e-9 * np.trace(gram) + counts.sum() * cost
     pairs = csr_array((np.ones(len(at)), (at, to)), shape=(len(source), len(target)))
     _, fitted, is_singular = dposv(gram, source.T @ (pairs @ target))
     if is_singular:

@@ -99,8 +99,6 @@ class MapTuning(NamedTuple):
     """Refined maps closer than this are one: front and back differ in few of the lowest functions, ..."""
     num_compared: int = 20
     """... which so many are."""
-    num_likely: int = 12
-    """Maps that poses and signs start which are refined on few samples, of those that fit best."""
     num_posed: int = 6
     """Candidates from poses, and of those that are smooth from the start, that are refined with all samples."""
     tip_side_weight: float = 0.3

@@ -257,11 +257,10 @@ def posed_candidates(few: PoseMapper, options: NonrigidOptions) -> list[Refined]
     options : NonrigidOptions
         Whether maps that swap left and right are asked for.
     """
-    mirrored = options.orientation == "any"
-    poses = axis_poses(few.target, few.source, mirrored=mirrored)
-    maps: list[FunctionalMap] = []
-    for plain, chirality in few.likely_maps(poses, TUNED.num_likely, mirrored=mirrored):
-        maps += [plain, few.oriented(plain, preserving=chirality > 0)]
+    maps = few.maps_from_signs()
+    for start in axis_poses(few.target, few.source, mirrored=options.orientation == "any"):
+        plain = few.map_from(start)
+        maps += [plain, few.oriented(plain, preserving=bool(np.linalg.det(start) > 0))]
     return _best_posed(few, maps, options)[: TUNED.num_posed]
 
 

@@ -14,16 +14,12 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 from collalign.confidence.map_model import Evidence
-from collalign.nonrigid.functional_map import (
-    FunctionalMap,
-    PointMaps,
-    mutual_nearest_rows,
-    row_gap,
-)
-from collalign.nonrigid.map_evidence import measure_evidence, orientation_of
+from collalign.nonrigid.functional_map import FunctionalMap, mutual_nearest_rows
+from collalign.nonrigid.map_evidence import measure_evidence
 from collalign.nonrigid.refine import Refiner, unit_rows
 from collalign.nonrigid.spectral_shape import (
     CURVATURE_TIMES,
@@ -188,12 +184,10 @@ FIRST_SIZE, GROWTH = 10, 1.5
 START_NORMAL_WEIGHT, START_DESCRIPTOR_WEIGHT = 0.3, 0.6
 #: Weight of unit normals relative to positions of root mean square radius 1 where surfaces are compared.
 SURFACE_NORMAL_WEIGHT = 0.5
-#: Lowest functions whose signs are enumerated, and how many of the maps that they give are compared with those of
-#: poses. Two of 20 of SHREC07's armadillos, whose other candidates all exchange two limbs, come right by them
-#: (``python -m experiments bending``).
-NUM_SIGNS, NUM_SIGN_MAPS = 6, 12
-#: Starts are compared at so many samples, up to this number of functions.
-NUM_SCREENED, SCREEN_LAST = 100, 15
+#: Lowest functions whose signs are enumerated, and how many of the maps that they give are refined: 50 ms a pair. Two
+#: of 20 of SHREC07's armadillos, whose other candidates all exchange two limbs, come right by them (``python -m
+#: experiments bending``).
+NUM_SIGNS, NUM_SIGN_MAPS = 6, 24
 
 
 def axis_poses(target: PosedSurface, source: PosedSurface, *, mirrored: bool) -> FloatArray:
@@ -219,12 +213,7 @@ class PoseMapper:
 
     def __init__(self, target: PosedSurface, source: PosedSurface) -> None:
         self.target, self.source = target, source
-        both = target.spectral, source.spectral
-        self._refiner = Refiner(*both, first=FIRST_SIZE, factor=GROWTH)
-        self._screen = Refiner(
-            *both, first=FIRST_SIZE, last=SCREEN_LAST, factor=GROWTH, num_dense=NUM_SCREENED
-        )
-        self._last = Refiner(*both, first=round(GROWTH * SCREEN_LAST), factor=GROWTH)
+        self._refiner = Refiner(target.spectral, source.spectral, first=FIRST_SIZE, factor=GROWTH)
         self._features = _start_features(target, np.eye(3))
 
     def map_from(self, R_target_source: FloatArray) -> FunctionalMap:
@@ -233,48 +222,10 @@ class PoseMapper:
 
     def closest_points(self, R_target_source: FloatArray) -> tuple[IntArray, IntArray]:
         """Return the maps of the samples, (k,) and (n,), by closest points at a pose (3, 3)."""
-        return self._closest(R_target_source, None)
+        return mutual_nearest_rows(self._features, _start_features(self.source, R_target_source))
 
-    def _closest(self, R_target_source: FloatArray, num: int | None) -> PointMaps:
-        moved = _start_features(self.source, R_target_source)
-        return mutual_nearest_rows(self._features[:num], moved[:num])
-
-    def likely_maps(
-        self, poses: FloatArray, num: int, *, mirrored: bool
-    ) -> list[tuple[FunctionalMap, float]]:
-        """Return the likeliest maps that poses and signs of eigenfunctions start, with determinants of their poses.
-
-        All starts are refined at few samples, and those that fit best there are refined in full.
-
-        Parameters
-        ----------
-        poses : ndarray, shape (m, 3, 3)
-            Of either determinant.
-        num : int
-            Maps, at most.
-        mirrored : bool
-            Whether maps that swap left and right are as good as others; their poses are mirrored.
-        """
-        starts = [self._closest(pose, NUM_SCREENED) for pose in poses] + self._sign_starts()
-        kept: list[FunctionalMap] = []
-        swapping: list[FunctionalMap] = []
-        for _, found in self._screen.zoomout.screen(starts):
-            swaps = self._orientation(found) < 0
-            (swapping if swaps and not mirrored else kept).append(found)
-            if len(kept) == num:
-                break
-        likely = [self._finish(one) for one in (kept + swapping)[:num]]
-        return [(one, -1.0 if mirrored and self._orientation(one) < 0 else 1.0) for one in likely]
-
-    def _finish(self, found: FunctionalMap) -> FunctionalMap:
-        return self._last.from_functional_map(found.C_source_target)
-
-    def _orientation(self, found: FunctionalMap) -> float:
-        to, of = self.target.spectral, self.source.spectral
-        return orientation_of(to, of, found.C_source_target, found.map_target_source)
-
-    def _sign_starts(self) -> list[PointMaps]:
-        """Return maps of the first samples that signs of the lowest eigenfunctions give, those of best fit.
+    def maps_from_signs(self, num: int = NUM_SIGN_MAPS) -> list[FunctionalMap]:
+        """Return the maps that signs of the lowest eigenfunctions lead to, those that fit best at the start.
 
         Eigenfunctions of near-isometric surfaces agree up to sign where their eigenvalues are simple; the descriptors
         steady those that are not. No pose takes part.
@@ -282,18 +233,19 @@ class PoseMapper:
         target, source = (
             np.hstack(
                 [
-                    unit_rows(one.spectral.functions[:NUM_SCREENED, :NUM_SIGNS]),
-                    START_DESCRIPTOR_WEIGHT * one.descriptors[:NUM_SCREENED],
+                    unit_rows(one.spectral.functions[:, :NUM_SIGNS]),
+                    START_DESCRIPTOR_WEIGHT * one.descriptors,
                 ]
             )
             for one in (self.target, self.source)
         )
-        found = []
-        for signs in product((1.0, -1.0), repeat=NUM_SIGNS):
-            turned = source * np.append(signs, np.ones(source.shape[1] - NUM_SIGNS))
-            maps = mutual_nearest_rows(target, turned)
-            found.append((row_gap(target, turned, maps), maps))
-        return [maps for _, maps in sorted(found, key=lambda one: one[0])[:NUM_SIGN_MAPS]]
+        unsigned, starts = cdist(target, source, "sqeuclidean"), []
+        for flips in product((0.0, 4.0), repeat=NUM_SIGNS):  # |t + s|^2 = |t - s|^2 + 4 t s
+            gaps = unsigned + (target[:, :NUM_SIGNS] * flips) @ source[:, :NUM_SIGNS].T
+            loss = gaps.min(axis=0).mean() + gaps.min(axis=1).mean()
+            starts.append((loss, gaps.argmin(axis=0), gaps.argmin(axis=1)))
+        best = sorted(range(len(starts)), key=lambda i: starts[i][0])[:num]
+        return [self._refiner.zoomout.refine(*starts[i][1:]) for i in best]
 
     def oriented(self, found: FunctionalMap, *, preserving: bool) -> FunctionalMap:
         """Return the map that keeps the orientation of the surfaces, or reverses it, which a map leads to."""

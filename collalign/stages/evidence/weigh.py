@@ -178,12 +178,11 @@ def weigh_pair(
     else:
         to, of = (surface.posed for surface in surfaces)
         weigher = PoseWeigher(target, source, PoseMapper(to, of))
-        if files:
-            candidates = [weigher.candidate_from(start) for start in starts]
-        else:
-            mirrored = group == "O"
-            starts = np.concatenate([starts, axis_poses(to, of, mirrored=mirrored)])
-            candidates = weigher.candidates(starts, mirrored=mirrored)
+        if not files:
+            starts = np.concatenate([starts, axis_poses(to, of, mirrored=group == "O")])
+        candidates = [weigher.candidate_from(start) for start in starts]
+        if not files:
+            candidates += weigher.candidates_from_signs(mirrored=group == "O")
     rotations, maps, evidence = (
         np.stack(values) for values in zip(*distinct_weighed(candidates), strict=True)
     )
@@ -191,7 +190,7 @@ def weigh_pair(
 
 
 #: Weighs poses of a pair. The version changes whenever the same surfaces and poses would give other candidates.
-WEIGHING = Job(kind="evidence", version="evidence-10", run=weigh_pair, reader=PairEvidence)
+WEIGHING = Job(kind="evidence", version="evidence-9", run=weigh_pair, reader=PairEvidence)
 
 
 def weigh_pairs(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair]) -> list[Pair]:

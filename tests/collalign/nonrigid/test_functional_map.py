@@ -44,25 +44,6 @@ def test_zoomout_repairs_a_bad_map_and_both_directions_agree(rng):
     assert source @ exact.C_source_target == pytest.approx(target, abs=1e-4)
 
 
-def test_maps_that_are_screened_together_are_those_of_one_by_one_the_best_first(rng):
-    angles = np.sort(rng.uniform(0, 2 * np.pi, 60))
-    target, source = circle_basis(angles, 9), circle_basis(angles - 0.7, 9)
-    curved = np.cos(angles)[:, None] + [0.1, 0.4]
-    zoomout = ZoomOut(target, source, [5, 9], descriptors=(curved, curved))
-    truth = np.arange(60)
-    starts = [
-        (start, start[::-1])
-        for start in (rng.integers(0, 60, 60), np.roll(truth, 20), rng.integers(0, 60, 60))
-    ] + [(truth, truth)]
-    found = zoomout.screen(starts)
-    alone = [zoomout.refine(*start).map_target_source.tolist() for start in starts]
-    assert sorted(one.map_target_source.tolist() for _, one in found) == sorted(alone)
-    gaps = [gap for gap, _ in found]
-    assert gaps == sorted(gaps)
-    assert gaps[0] < 0.01 < gaps[-1]
-    assert found[0][1].map_target_source.tolist() == truth.tolist()
-
-
 def test_wrong_input_is_refused(rng):
     basis = rng.random((20, 9))
     with pytest.raises(OptionsError, match="ascending"):
