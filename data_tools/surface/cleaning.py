@@ -392,10 +392,10 @@ def shared_object(signatures: Sequence[FloatArray]) -> tuple[float, ...]:
         )
         return cdist(signatures[i], others).min(axis=1, initial=np.inf)
 
-    usual = AS_USUAL * float(np.median([unlike(i)[0] for i in single]))
+    found = [unlike(i) for i in range(len(signatures))]
+    usual = AS_USUAL * float(np.median([found[i][0] for i in single]))
     chosen = []
-    for i in range(len(signatures)):
-        of_pieces = unlike(i)
+    for of_pieces in found:
         best = int(np.argmin(of_pieces))
         chosen.append(best if of_pieces[best] < min(MUCH_LIKER * of_pieces[0], usual) else 0)
     if not any(chosen):
