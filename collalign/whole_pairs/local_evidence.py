@@ -134,11 +134,13 @@ def point_gaps(
 def surface_points(samples: Samples, *, first: int) -> tuple[FloatArray, FloatArray]:
     """Return every second dense point, in radii about the mean of all, and their normals, both (n, 3).
 
-    Without any, every second sample of a surface, whose copies share its samples, and all points of a cloud.
+    Of a table all points: its halves have nothing in common. Without dense points every second sample of a surface,
+    whose copies share its samples.
     """
+    if samples.is_table:
+        return all_points(samples)
     if len(samples.dense_positions) < 2:
-        step = 1 if samples.rim == "unknown" else 2
-        return _normalised(samples.positions)[first % step :: step], np.empty((0, 3))
+        return _normalised(samples.positions)[first::2], np.empty((0, 3))
     chosen = slice(first, 2 * NUM_POINTS, 2)
     return _normalised(samples.dense_positions)[chosen], samples.dense_normals[chosen]
 

@@ -72,7 +72,7 @@ class Samples:
         ``open`` or ``closed``, as surfaces are (small holes do not count), or ``unknown``, of point clouds.
     local : LocalSurface or None
         Points one cell apart with descriptors of their neighbourhoods, about the centroid of the surface and in its
-        root mean square radii; None where there are too few.
+        root mean square radii; None where there are too few, and of tables.
     notes : tuple of Note
         What a user should know: decimated, which operators.
     chirality : SurfaceChirality or None
@@ -107,6 +107,11 @@ class Samples:
     def num_places(self) -> int:
         """Samples that lie apart: all of a mesh; a cloud of few points has some of them again."""
         return len(np.unique(self.vertex_indices)) if self.rim == "unknown" else len(self.positions)
+
+    @property
+    def is_table(self) -> bool:
+        """Whether the shape is a cloud of too few points for a surface, such as a table of landmarks."""
+        return self.rim == "unknown" and self.local is None
 
     @property
     def is_poor(self) -> bool:

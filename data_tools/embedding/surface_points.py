@@ -52,6 +52,8 @@ RIM_NEIGHBOURS, RIM_GAP = 12, 2.0
 def surface_cells(shape: Shape, cell: float, *, of_scene: bool = False) -> LocalSurface | None:
     """Return the points of a shape one cell apart, with normals and descriptors; None where there are too few.
 
+    So many points that planes are local are needed: in a table of landmarks they are fitted to what lies far apart.
+
     Points are spread over triangles by area; each cell of a grid along the principal axes keeps the mean of its
     points and of its normals. Where there are no triangles, or they disagree on a side, or one direction saw all of
     them (a depth image, whose triangles are as rough as its depths), normals are those of local planes. Their side is
@@ -68,6 +70,7 @@ def surface_cells(shape: Shape, cell: float, *, of_scene: bool = False) -> Local
         far from parallel: they meet at a place.
     """
     is_closed = shape.is_mesh and not is_open_surface(shape.vertices, shape.faces)
+    radius_cells = SCENE_RADIUS_CELLS if of_scene else RADIUS_CELLS
     no_sights = of_scene or is_closed
     sights = np.empty((0, 3)) if no_sights else lines_of_sight(shape.vertices)
     is_image = of_scene or len(sights) > 0
@@ -79,7 +82,7 @@ def surface_cells(shape: Shape, cell: float, *, of_scene: bool = False) -> Local
         points, normals = spread, triangles
     else:
         points, _ = _cell_means(spread, None, 0.5 * cell)
-        if len(points) < FEWEST_POINTS:
+        if len(points) < NORMAL_NEIGHBOURS or _reach(points) > radius_cells * cell:
             return None
         planes = plane_normals(points, points)
         if has_side:
@@ -95,7 +98,6 @@ def surface_cells(shape: Shape, cell: float, *, of_scene: bool = False) -> Local
     points, normals = _cell_means(points, normals, cell)
     if len(points) < FEWEST_POINTS:
         return None
-    radius_cells = SCENE_RADIUS_CELLS if of_scene else RADIUS_CELLS
     return LocalSurface.from_user(
         points,
         normals,
@@ -104,6 +106,12 @@ def surface_cells(shape: Shape, cell: float, *, of_scene: bool = False) -> Local
         places=place_of_sight(shape.vertices) if of_scene else (),
         radius_cells=radius_cells,
     )
+
+
+def _reach(points: FloatArray) -> float:
+    """Return how far the neighbours are that a plane is fitted to, the median over all points (n, 3)."""
+    far, _ = cKDTree(points).query(points, k=[NORMAL_NEIGHBOURS])
+    return float(np.median(far))
 
 
 def centre_and_radius(shape: Shape) -> tuple[FloatArray, float]:

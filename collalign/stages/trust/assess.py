@@ -150,8 +150,9 @@ def _symmetries(
     """Return for each shape the turns of its part after which this fits as well, the identity first.
 
     ``costs`` end with those of the poses that the turns lead to. Copies of a surface share its samples, which tell
-    apart poses that look the same: where most partners of a surface are copies, its pairs are not asked. What the
-    neighbourhoods of each shape say of the turned shape itself does not depend on its partners.
+    apart poses that look the same: where most partners of a surface are copies, its pairs are not asked. Nor are
+    those of tables, which compare the same points: the noise of few points always prefers one of several equal
+    poses. What the neighbourhoods of each shape say of the turned shape itself does not depend on its partners.
     """
     found = [read_only(np.eye(3)[None])] * len(turns)
     for members in components:
@@ -159,7 +160,7 @@ def _symmetries(
         if len(known) > 1 and len(turns[known[0]]):
             num = len(turns[known[0]])
             asked = [
-                () if samples[i].rim != "unknown" and are_copies(partners[i]) else partners[i]
+                () if samples[i].is_table or _is_copied(samples[i], partners[i]) else partners[i]
                 for i in known
             ]
             leads = [
@@ -175,6 +176,11 @@ def _symmetries(
             for i in members:
                 found[i] = read_only(np.stack([np.eye(3), *turns[i][alike]]))
     return tuple(found)
+
+
+def _is_copied(samples: Samples, partners: Sequence[Partner]) -> bool:
+    """Return whether most partners of a surface are copies of it."""
+    return samples.rim != "unknown" and are_copies(partners)
 
 
 def _evidence(

@@ -131,7 +131,11 @@ def remedies(
         cut = [
             shapes.names[i]
             for i in may_be_cut
-            if shapes.samples[i].rim != "closed" and not shapes.samples[i].is_poor
+            if not (
+                shapes.samples[i].rim == "closed"
+                or shapes.samples[i].is_poor
+                or shapes.samples[i].is_table
+            )
         ]
         if cut:
             said.append(Note("open-borders", tuple(cut)))

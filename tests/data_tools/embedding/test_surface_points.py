@@ -50,6 +50,13 @@ def outward_on_torus(points):
     return away / np.linalg.norm(away, axis=1, keepdims=True)
 
 
+@pytest.mark.parametrize(("num", "is_surface"), [(20, False), (150, False), (600, True)])
+def test_planes_of_a_cloud_need_neighbours_that_are_near(num, is_surface):
+    points = np.random.default_rng(num).standard_normal((num, 3))
+    cloud = Shape.from_arrays(points / np.linalg.norm(points, axis=1, keepdims=True))
+    assert (surface_cells(cloud, 0.12) is not None) == is_surface
+
+
 def test_points_of_a_sphere_lie_a_cell_apart_with_normals_outwards():
     found = surface_cells(sphere(), 0.15)
     gaps = cKDTree(found.points).query(found.points, k=2)[0][:, 1]
