@@ -7,6 +7,7 @@ as sure as the weakest cut of overlaps that holds it to the others.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -191,14 +192,20 @@ def _best_place(
     others: IntArray,
     members: IntArray,
 ) -> tuple[float, FloatArray]:
-    """Return how sure the best place of the members among the others is, and the move there (4, 4)."""
+    """Return how sure the best place of the members among the others is, and the move there (4, 4).
+
+    Places that are too unsure to join them are not compared: 0 and no move where all are.
+    """
     asked = _moves(proposed, transforms, {*members.tolist()}, {*others.tolist()})
     middle = _middle(surfaces, transforms, members)
-    best = (-np.inf, np.eye(4))
+    best = (0.0, np.eye(4))
     for weight, move in _places(asked, middle, surfaces[0].cell):
+        enough = max(best[0], _weight(JOINING_CHANCE))
+        if weight < enough:
+            break
         moved = transforms.copy()
         moved[members] = move @ moved[members]
-        sure = weight - float(_contradictions(surfaces, moved, others, members))
+        sure = weight - _contradictions(surfaces, moved, others, members, most=weight - enough)
         if sure > best[0]:
             best = sure, move
     return best
@@ -311,9 +318,8 @@ def weak_cuts(
                 for j in halves[1]
                 if graph.has_edge(i, j)
             ]
-            held = float(_together(np.array(across))) - float(
-                _contradictions(surfaces, transforms, members, others)
-            )
+            held = float(_together(np.array(across)))
+            held -= _contradictions(surfaces, transforms, members, others)
             asked = _moves(elsewhere, transforms, {*halves[0]}, {*halves[1]})
             middle = _middle(surfaces, transforms, members)
             against, move = 0.0, np.eye(4)
@@ -321,7 +327,7 @@ def weak_cuts(
                 moved = transforms.copy()
                 moved[members] = other @ moved[members]
                 move = other
-                against = weight - float(_contradictions(surfaces, moved, members, others))
+                against = weight - _contradictions(surfaces, moved, members, others)
             cuts.append(
                 WeakCut(ends=(a, b), members=members, held=held, against=against, move=move)
             )
@@ -329,21 +335,29 @@ def weak_cuts(
 
 
 def _contradictions(
-    surfaces: Sequence[LocalSurface], transforms: FloatArray, members: IntArray, others: IntArray
-) -> FloatArray:
-    """Return the log-odds against poses (N, 4, 4): what of some shapes is in front of what was seen of others."""
-    found = np.zeros((len(members), len(others)))
-    for m, i in enumerate(members.tolist()):
-        for n, j in enumerate(others.tolist()):
-            if surfaces[i].depth_images or surfaces[j].depth_images:
-                relative = np.linalg.inv(transforms[i]) @ transforms[j]
-                in_front, beside = sight_conflicts(
-                    surfaces[i], surfaces[j], relative[None, :3, :3], relative[None, :3, 3]
-                )
-                # A scan that lacks a part has others' points beside it, but none of its own beside theirs.
-                mutual = beside.min(axis=1, keepdims=True)
-                found[m, n] = conflict_log_odds(in_front, np.broadcast_to(mutual, (1, 2)))[0]
-    return _together(found.ravel())
+    surfaces: Sequence[LocalSurface],
+    transforms: FloatArray,
+    members: IntArray,
+    others: IntArray,
+    most: float = np.inf,
+) -> float:
+    """Return the log-odds against poses (N, 4, 4): what of some shapes is in front of what was seen of others.
+
+    As soon as those of some pairs exceed ``most``, they are returned, and the other pairs are left out.
+    """
+    found: list[float] = []
+    for i, j in itertools.product(members.tolist(), others.tolist()):
+        if surfaces[i].depth_images or surfaces[j].depth_images:
+            relative = np.linalg.inv(transforms[i]) @ transforms[j]
+            in_front, beside = sight_conflicts(
+                surfaces[i], surfaces[j], relative[None, :3, :3], relative[None, :3, 3]
+            )
+            # A scan that lacks a part has others' points beside it, but none of its own beside theirs.
+            mutual = beside.min(axis=1, keepdims=True)
+            found.append(float(conflict_log_odds(in_front, np.broadcast_to(mutual, (1, 2)))[0]))
+            if found[-1] > 0.0 and _together(np.array(found)) > most:
+                break
+    return float(_together(np.array(found))) if found else 0.0
 
 
 def _held_together(num: int, pairs: Iterable[tuple[int, int]]) -> nx.Graph:

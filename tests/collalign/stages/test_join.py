@@ -158,6 +158,28 @@ def test_a_sure_wrong_link_does_not_win_against_what_was_seen(scans):
     assert (3, 4) not in joined.kept
 
 
+def test_only_contradictions_that_decide_are_looked_at(scans, monkeypatch):
+    surfaces, poses = scans
+    turn = Rotation.from_rotvec([0.0, 1.0, 0.3]).as_matrix()
+    told = ring(poses) | {
+        (i, i + 2): link(poses, i, i + 2, 0.3, SURE, wrong=turn) for i in range(NUM - 2)
+    }
+    look, looks, judge = join.sight_conflicts, [], join._contradictions
+
+    def counted(*ends):
+        looks.append(ends)
+        return look(*ends)
+
+    monkeypatch.setattr(join, "sight_conflicts", counted)
+    joined, num_looks = joined_by(surfaces, told), len(looks)
+    monkeypatch.setattr(join, "_contradictions", lambda *ends, **_: judge(*ends))
+    exhaustive = joined_by(surfaces, told)
+    assert num_looks < len(looks) - num_looks
+    np.testing.assert_array_equal(joined.transforms, exhaustive.transforms)
+    np.testing.assert_array_equal(joined.confidence, exhaustive.confidence)
+    assert errors_deg(joined, poses).max() < 1.0
+
+
 def test_what_is_in_front_of_what_was_seen_puts_a_block_in_doubt(scans, monkeypatch):
     surfaces, poses = scans
     told = {(i, i + 1): link(poses, i, i + 1, SURE) for i in range(NUM - 1)}
