@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import binary_closing, maximum_filter
-from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray
@@ -126,6 +124,8 @@ class DepthImage:
     def _drawn(
         cls, sight: FloatArray, place: FloatArray, points: FloatArray, cell: float, pixel: float
     ) -> DepthImage:
+        from scipy.ndimage import binary_closing, maximum_filter
+
         axes = np.concatenate([np.linalg.svd(sight[None])[2][1:], sight[None]])
         x, y, depth, is_before = _projected(points, axes, place)
         across = np.stack([x, y], axis=-1)[is_before]
@@ -204,6 +204,8 @@ def place_of_sight(points: FloatArray) -> FloatArray:
     points : ndarray, shape (n, 3)
         As they were seen.
     """
+    from scipy.optimize import least_squares
+
     none = np.empty((0, 3))
     if len(points) < TUNED.least_points:
         return none

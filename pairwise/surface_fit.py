@@ -87,6 +87,7 @@ def fit_surfaces(
     R_target_source: ArrayLike,
     *,
     estimate_scale: bool = True,
+    find_shared: bool = True,
     max_iterations: int = 16,
 ) -> SurfaceFit:
     """Fit two surfaces on their dense samples, from centroids that are brought together.
@@ -99,6 +100,8 @@ def fit_surfaces(
         The pose to start from.
     estimate_scale : bool
         Estimate a scale factor of the source as well, from the ratio of the sizes; else 1.
+    find_shared : bool
+        Look for a part that both surfaces share; else fit them as wholes.
     max_iterations : int
         Of each of the two fits, the whole surfaces and the part that they share.
 
@@ -124,6 +127,8 @@ def fit_surfaces(
     whole = _settled(matcher, start, max_iterations, robust=False, any_size=estimate_scale)
     energy = matcher.mean_cost(whole.pairs, whole.pose)
     found = SurfaceFit(pose=whole.pose, energy=energy, shared_energy=energy)
+    if not find_shared:
+        return found
     coarsest = max(one.spacing / one.radius for one in (target, source))
     if coarsest > FIT.coarsest or not _agrees(matcher, whole, FIT.farthest_spacings):
         return found
@@ -229,11 +234,10 @@ def _stepped(
     along = (float(shares @ np.einsum("pk,pk->p", gaps, gaps)) - through) / (dim - 1)
     least = max(FIT.least_ratio * max(through, along), np.finfo(float).tiny)
     ratio = max(along, least) / max(through, least)
-    generators = _generators(dim)
+    first, second, generators = _generators(dim)
     flat, num = generators.reshape(len(generators), -1), len(generators)
     moments, forces = np.zeros((num + dim, num + dim)), np.zeros(num + dim)
     if normals.any():
-        first, second = np.triu_indices(dim, 1)
         slopes = np.empty((len(arms), num + dim))
         slopes[:, :num] = arms.take(first, axis=1) * normals.take(second, axis=1)
         slopes[:, :num] -= arms.take(second, axis=1) * normals.take(first, axis=1)
@@ -263,10 +267,10 @@ def _stepped(
 
 
 @cache
-def _generators(dim: int) -> FloatArray:
-    """Return the derivative of a rotation in the plane of every two axes, shape (d (d - 1) / 2, d, d)."""
+def _generators(dim: int) -> tuple[IntArray, IntArray, FloatArray]:
+    """Return every two axes, and the derivative of a rotation in their plane, shape (d (d - 1) / 2, d, d)."""
     first, second = np.triu_indices(dim, 1)
     found = np.zeros((len(first), dim, dim))
     found[np.arange(len(first)), second, first] = 1.0
     found[np.arange(len(first)), first, second] = -1.0
-    return read_only(found)
+    return read_only(first), read_only(second), read_only(found)

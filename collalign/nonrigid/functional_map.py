@@ -35,6 +35,9 @@ from data_tools.errors import InputError, OptionsError
 _BLOCK_ROWS = 128
 #: Distance matrices with more entries than this are large.
 _SMALL_ENTRIES = 250_000
+#: A fit of more entries, pairs of points by functions, gathers them in a sparse matrix. It takes longer to build than
+#: fewer take: 200 samples both ways in 10 to 40 functions are fitted in a quarter to a half of the time without.
+_FEW_ENTRIES = 40_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -181,11 +184,15 @@ def fitted_map(
     """
     known, back = np.flatnonzero(forward >= 0), np.flatnonzero(backward >= 0)
     at, to = np.concatenate([known, backward[back]]), np.concatenate([forward[known], back])
-    counts = np.bincount(at, minlength=len(source))
-    gram = source.T @ (source * counts[:, None])
-    gram.flat[:: len(gram) + 1] += 1e-9 * np.trace(gram) + counts.sum() * cost
-    pairs = csr_array((np.ones(len(at)), (at, to)), shape=(len(source), len(target)))
-    _, fitted, is_singular = dposv(gram, source.T @ (pairs @ target))
+    if len(at) * source.shape[1] <= _FEW_ENTRIES:
+        rows = source.take(at, axis=0)
+        gram, cross = rows.T @ rows, rows.T @ target.take(to, axis=0)
+    else:
+        counts = np.bincount(at, minlength=len(source))
+        pairs = csr_array((np.ones(len(at)), (at, to)), shape=(len(source), len(target)))
+        gram, cross = source.T @ (source * counts[:, None]), source.T @ (pairs @ target)
+    gram.flat[:: len(gram) + 1] += 1e-9 * np.trace(gram) + len(at) * cost
+    _, fitted, is_singular = dposv(gram, cross)
     if is_singular:
         raise np.linalg.LinAlgError("no point of either shape has an image")
     return np.asarray(fitted, dtype=np.float64)

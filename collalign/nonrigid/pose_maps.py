@@ -240,10 +240,12 @@ class PoseMapper:
             for one in (self.target, self.source)
         )
         unsigned, starts = cdist(target, source, "sqeuclidean"), []
+        rows, columns = np.arange(len(target)), np.arange(len(source))
         for flips in product((0.0, 4.0), repeat=NUM_SIGNS):  # |t + s|^2 = |t - s|^2 + 4 t s
             gaps = unsigned + (target[:, :NUM_SIGNS] * flips) @ source[:, :NUM_SIGNS].T
-            loss = gaps.min(axis=0).mean() + gaps.min(axis=1).mean()
-            starts.append((loss, gaps.argmin(axis=0), gaps.argmin(axis=1)))
+            there, back = gaps.argmin(axis=0), gaps.argmin(axis=1)
+            loss = gaps[there, columns].mean() + gaps[rows, back].mean()
+            starts.append((loss, there, back))
         best = sorted(range(len(starts)), key=lambda i: starts[i][0])[:num]
         return [self._refiner.zoomout.refine(*starts[i][1:]) for i in best]
 

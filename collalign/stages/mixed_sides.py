@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -304,13 +305,12 @@ def _least_energy(
     """Return the least energy of poses (m, 3, 3) that are refined, the one that leads after some steps to the end."""
     if not len(rotations):
         return np.nan
-    tried = [fit_surfaces(target, source, start, max_iterations=FIRST_STEPS) for start in rotations]
+    fit = partial(fit_surfaces, target, source, find_shared=False)
+    tried = [fit(start, max_iterations=FIRST_STEPS) for start in rotations]
     best = min(tried, key=lambda one: one.energy)
     if max_steps <= FIRST_STEPS:
         return best.energy
-    further = fit_surfaces(
-        target, source, best.pose.rotation, max_iterations=max_steps - FIRST_STEPS
-    )
+    further = fit(best.pose.rotation, max_iterations=max_steps - FIRST_STEPS)
     return min(best.energy, further.energy)
 
 

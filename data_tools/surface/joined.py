@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import ndimage
 
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.surface.shape import Shape
@@ -38,6 +37,7 @@ def joined_surface(mesh: Shape) -> Shape:
     Shape
         Triangles counterclockwise seen from outside.
     """
+    from scipy import ndimage
     from skimage.measure import marching_cubes
 
     corner, size, occupied = _occupied_cells(mesh)

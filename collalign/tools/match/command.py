@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from cyclopts import Parameter
@@ -23,10 +23,8 @@ from collalign.products.shapes import free_rotation
 from collalign.products.trust import DOUBT
 from collalign.template_landmarks.on_surface import place_templates
 from collalign.template_landmarks.templates import read_templates, shape_of
-from collalign.tools.match.in_part import PartialMatch, match_in_part, with_mirror_chance
 from collalign.tools.match.nonrigid import NonrigidMatch, match_prepared
 from collalign.tools.match.pictures import match_figure, transferred_colours, vertices_map
-from collalign.tools.match.rigid import RigidMatch, match_rigid, with_mirror_score
 from collalign.wording import note_records, note_text
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError, OptionsError
@@ -40,6 +38,10 @@ from data_tools.poses import scales_of
 from data_tools.rotations import rotation_angle_deg
 from data_tools.surface.shape import Shape
 from pairwise.results import Status
+
+if TYPE_CHECKING:
+    from collalign.tools.match.in_part import PartialMatch
+    from collalign.tools.match.rigid import RigidMatch
 
 LANDMARKS_FILE = "map_landmarks.csv"
 NONRIGID_FILES = (
@@ -203,6 +205,8 @@ def match(
                 "--partial works on surfaces: --certify and --preset are for samples"
             )
         return _match_partial(target, source, out, options)
+    from collalign.tools.match.rigid import match_rigid, with_mirror_score
+
     found = match_rigid(target, source, options=options)
     if options.group == "SO":
         found = with_mirror_score(found, options)
@@ -238,6 +242,8 @@ def _summary(found: RigidMatch) -> str:
 
 def _match_partial(target: Path, source: Path, out: Path | None, options: TwoShapeOptions) -> int:
     """Print and write the pose of two surfaces that overlap in part."""
+    from collalign.tools.match.in_part import match_in_part, with_mirror_chance
+
     found = match_in_part(target, source, options=options)
     if options.group == "SO":
         found = with_mirror_chance(found, options)

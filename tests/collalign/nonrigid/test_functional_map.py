@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from collalign.nonrigid.functional_map import ZoomOut, mutual_nearest_rows, zoomout_sizes
+from collalign.nonrigid.functional_map import (
+    ZoomOut,
+    fitted_map,
+    mutual_nearest_rows,
+    zoomout_sizes,
+)
 from data_tools.errors import InputError, OptionsError
 
 
@@ -26,6 +31,17 @@ def test_nearest_rows_agree_with_brute_force(rng):
     forward, backward = mutual_nearest_rows(points, queries)
     assert np.array_equal(forward, distances.argmin(axis=1))
     assert np.array_equal(backward, distances.argmin(axis=0))
+
+
+@pytest.mark.parametrize("num_functions", [6, 60])
+def test_a_fitted_map_is_that_of_least_squares_over_both_directions(rng, num_functions):
+    target, source = rng.standard_normal((2, 400, num_functions))
+    forward, backward = rng.integers(-1, 400, (2, 400))
+    known, back = forward >= 0, backward >= 0
+    rows = np.concatenate([source[known], source[backward[back]]])
+    images = np.concatenate([target[forward[known]], target[back]])
+    expected = np.linalg.lstsq(rows, images)[0]
+    assert np.allclose(fitted_map(target, source, forward, backward), expected, atol=1e-7)
 
 
 def test_zoomout_repairs_a_bad_map_and_both_directions_agree(rng):
