@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from data_tools.errors import InputError
-from data_tools.local_surface import LocalSurface
+from data_tools.local_surface import NUM_BINS, LocalSurface
+from data_tools.surface.point_features import fast_point_features
 from tests.neighbourhoods import bumpy
 
 
@@ -21,6 +22,14 @@ def test_a_mirrored_surface_has_the_descriptors_of_the_mirrored_points():
     np.testing.assert_allclose(mirrored.features, again.features, atol=1e-6)
     assert np.abs(mirrored.features - surface.features).max() > 0.05
     np.testing.assert_array_equal(mirrored.mirrored().histograms, surface.histograms)
+
+
+def test_descriptors_are_unit_vectors_near_the_roots_of_the_histograms():
+    points, normals = bumpy()
+    surface = LocalSurface.from_user(points, normals, 0.14)
+    np.testing.assert_allclose(np.linalg.norm(surface.features, axis=1), 1.0, atol=1e-5)
+    roots = np.sqrt(fast_point_features(points, normals, 0.7, NUM_BINS))
+    np.testing.assert_allclose(surface.features, roots, atol=0.006)
 
 
 @pytest.mark.parametrize(
