@@ -7,6 +7,7 @@ import pkgutil
 import re
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
@@ -93,6 +94,12 @@ def test_a_wrong_block_is_noticed(tmp_path, monkeypatch):
     assert run_page("```text\nanything\n```\n", tmp_path, monkeypatch) == 0
 
 
+def test_navigation_has_every_page():
+    navigation = (ROOT / "mkdocs.yml").read_text("utf-8")
+    for page in PAGES:
+        assert str(page.relative_to(ROOT / "docs")) in navigation
+
+
 def reference_names(pages="*"):
     """Return the names that pages of the reference show, in their order."""
     return [
@@ -173,3 +180,22 @@ def test_names_in_documents_are_those_of_the_code(page):
 def test_an_old_name_is_noticed():
     text = "`collalign.Note`, collalign.load, from collalign import match_shapes, load\n"
     assert unknown_names(text) == ["collalign.Note", "collalign.match_shapes"]
+
+
+def unknown_numbers(page):
+    """Return the rows of the page on numbers whose module has no such name."""
+    rows = re.findall(r"^\| `([\w.]+)` \| `([\w, .]+)` \|", page, re.MULTILINE)
+    sources = {module: inspect.getsource(import_module(module)) for module, _ in rows}
+    return [
+        (module, name)
+        for module, names in rows
+        for name in names.split(", ")
+        if name != "module" and name.rpartition(".")[2] not in sources[module]
+    ]
+
+
+def test_numbers_of_the_page_are_those_of_the_code():
+    page = (ROOT / "experiments" / "calibration" / "numbers.md").read_text("utf-8")
+    assert unknown_numbers(page) == []
+    changed = page.replace("COPIES_TOL", "NO_TOL")
+    assert unknown_numbers(changed) == [("data_tools.embedding.copies", "NO_TOL")]
