@@ -13,14 +13,6 @@ from tests.readme_commands import README, command
 ROOT = README.parent
 
 
-def test_commands_set_up_and_run():
-    text = README.read_text("utf-8")
-    assert "collalign demo" in command("demo", text)
-    assert command("test", text).endswith("-m pytest -n 2")
-    for name in ("demo", "test"):
-        assert "pip install" in command(name, text)
-
-
 @pytest.mark.parametrize(
     "text", [README.read_text("utf-8"), align_collection.__doc__, read_shape.__doc__]
 )

@@ -36,11 +36,3 @@ def test_the_nearest_points_and_gaps_of_a_moved_surface_are_those_before(surface
     afresh = PartialSurface.from_user(moved.points, moved.normals)
     np.testing.assert_allclose(moved.gaps, afresh.gaps)
     np.testing.assert_allclose(np.linalg.norm(moved.normals, axis=1), 1.0)
-
-
-def test_a_surface_that_is_moved_back_is_where_it_was(surface, rng):
-    T_new_old = transform(rng)
-    back = surface.moved(T_new_old).moved(np.linalg.inv(T_new_old))
-    np.testing.assert_allclose(back.points, surface.points, atol=1e-12)
-    places = surface.points + 0.05
-    np.testing.assert_array_equal(back.nearest(places), surface.nearest(places))

@@ -6,25 +6,14 @@ import pytest
 from data_tools.datasets.synthetic import (
     deformed_family,
     demo_collection,
-    mirrored,
     planted_collection,
     write_collection,
 )
-from data_tools.datasets.synthetic_shapes import blob, chair
+from data_tools.datasets.synthetic_shapes import chair
 from data_tools.errors import InputError
 from data_tools.io.listing import read_folder
 from data_tools.io.shapes import read_shape
 from data_tools.rotations import rotation_angle_deg
-
-
-def test_mirror_images_keep_their_outside_outside(rng):
-    shape = blob(rng, num_vertices=100)
-    twice = mirrored(mirrored(shape))
-    np.testing.assert_array_equal(twice.vertices, shape.vertices)
-    corners = mirrored(shape).vertices[mirrored(shape).faces]
-    assert np.linalg.det(corners).sum() == pytest.approx(
-        np.linalg.det(shape.vertices[shape.faces]).sum()
-    )
 
 
 @pytest.mark.parametrize("group", ["SO", "O"])

@@ -9,12 +9,6 @@ import pytest
 
 from experiments.calibration import CALIBRATIONS, calibrate, few_radii
 from experiments.calibration.kinds import NUM_RIVALS, comparisons, fit_splits, joined
-from experiments.calibration.overlaps import (
-    JudgedPairs,
-    fit_weights,
-    log_loss,
-    stated_and_right,
-)
 from experiments.calibration.scan import scan
 
 FOLLOWED = {"few_radii": few_radii.RADII, "ellipsoids": few_radii.ELLIPSOIDS}
@@ -112,29 +106,6 @@ def test_sizes_of_few_templates_follow_errors_and_hold_those_of_every_collection
     np.testing.assert_allclose(inside[1], 0.9, atol=0.01)
     assert (inside[0] > 0.95).all(), "the collection that needs the most decides"
     assert table[0][-1] == 0.0, "one template shows no spread"
-
-
-def test_weights_of_overlaps_are_fitted_to_what_tells_right_poses():
-    rng = np.random.default_rng(0)
-
-    def pairs(num, tells):
-        evidence, right = [], []
-        for _ in range(num):
-            right.append(np.array([rng.random() < 0.5, False, False]))
-            consensus = np.where(right[-1] & tells, 0.3, 0.02) * rng.uniform(0.5, 1.5, 3)
-            evidence.append(np.column_stack([rng.random(3), np.log(consensus), np.ones(3)]))
-        return JudgedPairs.of_each(evidence, right)
-
-    telling, silent = pairs(80, True), pairs(80, False)
-    weights = fit_weights([telling])
-    assert weights[1] > 1.0
-    assert log_loss(weights, telling) < 0.4 * log_loss(np.zeros(3), telling)
-    assert log_loss(weights, silent) > log_loss(fit_weights([silent]), silent)
-    right, usable, sure, wrong = stated_and_right(weights, telling)
-    assert right == telling.right.sum()
-    assert usable > 0.5 * right
-    assert wrong <= 0.1 * sure
-    assert stated_and_right(-weights, telling)[3] > 0
 
 
 def test_a_quick_calibration_of_overlaps_needs_no_data():

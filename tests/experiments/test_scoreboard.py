@@ -1,6 +1,5 @@
 """The scoreboard: its sets, what counts as gross, wrong and usable, and the figures of the code before."""
 
-import csv
 import json
 from pathlib import Path
 from types import SimpleNamespace
@@ -67,30 +66,6 @@ def test_a_turned_shape_is_wrong_and_so_are_its_pairs(drawn):
         12,
         100.0,
     )
-
-
-def test_the_figures_of_the_code_before_stay_beside_the_new_ones(tmp_path):
-    record = {
-        "pair_deg": np.array([1.0, 50.0]),
-        "shape_deg": np.array([1.0, 50.0]),
-        "stated": np.array([0.97, 0.99]),
-        "processor_s": 3.0,
-    }
-
-    def write(code, gross):
-        records = [record | {"pair_deg": np.array([1.0, gross])}]
-        row = row_of("fish", records, code, read_before(tmp_path / "s.csv").get("fish"))
-        with (tmp_path / "s.csv").open("w", newline="") as stream:
-            writer = csv.DictWriter(stream, [column.key for column in scoreboard.COLUMNS])
-            writer.writeheader()
-            writer.writerow(row)
-        return row
-
-    assert "gross_before" not in write("one", 50.0)
-    changed = write("two", 2.0)
-    assert (changed["gross"], changed["gross_before"], changed["code_before"]) == (0.0, 50.0, "one")
-    assert write("two", 2.0) == changed
-    assert write("three", 50.0)["gross_before"] == 0.0
 
 
 def test_truth_folders_are_read_with_poses_or_landmarks(tmp_path, rng):

@@ -17,7 +17,6 @@ import numpy as np
 
 from tests.fuzz import targets
 
-HUGE = (10**12, 2**31, 2**32 - 1, 2**63, 10**30)
 MIB = 2**20
 
 
@@ -105,15 +104,11 @@ def _npz():
     triangle = npy("(1, 3)", np.array([[0, 1, 2]]).tobytes(), "'<i8'")
     vertices = ("points.npy", npy("(10, 3)", points.tobytes()))
     bodies = {
-        "lzma that lies": lambda: bomb(zipfile.ZIP_LZMA, lie=200),
-        "bzip2 that lies": lambda: bomb(zipfile.ZIP_BZIP2, lie=200),
         "deflate that lies": lambda: bomb(zipfile.ZIP_DEFLATED, lie=200),
         "overlapping": _overlapping,
-        "shape of 2 PiB": archive(("points.npy", npy(f"({2**48},)", bytes(48)))),
         "shape of integers without end": archive(("points.npy", npy(f"({10**4000}, 3)"))),
         "header of any length": archive(("points.npy", npy("(1, 3)", bytes(24), length=2**32 - 1))),
         "header of brackets": archive(("points.npy", npy("(" * 9000, bytes(24)))),
-        "pickle": archive(("points.npy", npy("(3,)", b"cos\nsystem\n(S'true'\ntR.", "'|O'"))),
         "zeros of one byte": lambda: archive(
             ("points.npy", npy(f"({6 * MIB}, 3)", bytes(18 * MIB), "'|i1'")),
             method=zipfile.ZIP_DEFLATED,
@@ -133,34 +128,22 @@ def _npz():
 
 
 def _pcd():
-    def file(data, body=b"", *, num=50, fields="x y z", size=4, kind="F", count=None):
+    def file(data, body, num, fields="x y z", counts="1 1 1"):
         columns = len(fields.split())
-        counts = count or " ".join("1" * columns)
-        head = f"FIELDS {fields}\nSIZE {f'{size} ' * columns}\nTYPE {f'{kind} ' * columns}\n"
+        head = f"FIELDS {fields}\nSIZE {'4 ' * columns}\nTYPE {'F ' * columns}\n"
         head += f"COUNT {counts}\nWIDTH {num}\nHEIGHT 1\nPOINTS {num}\nDATA {data}\n"
         return head.encode() + body
 
-    def packed(num_bytes, **how):
-        runs = b"\0\0" + b"\xe0\xff\0" * (num_bytes // 264 + 1)
-        sizes = struct.pack("<II", len(runs), min(num_bytes, 2**32 - 1))
-        return file("binary_compressed", sizes + runs, **how)
+    def packed(num):
+        runs = b"\0\0" + b"\xe0\xff\0" * (12 * num // 264 + 1)
+        sizes = struct.pack("<II", len(runs), 12 * num)
+        return file("binary_compressed", sizes + runs, num)
 
     bodies = {
-        "packed": lambda: packed(400 * MIB, num=400 * MIB // 12),
-        "packed that is bearable": lambda: packed(12_000_000, num=1_000_000),
-        "packed size beyond the end": file(
-            "binary_compressed", struct.pack("<II", 2**32 - 1, 2**32 - 1), num=10**9
-        ),
-        "packed before the beginning": file(
-            "binary_compressed", struct.pack("<II", 6, 600) + b"\xff" * 6
-        ),
-        "fields of any count": file(
-            "binary", bytes(600), count=f"1 1 1 {10**18}", fields="x y z w"
-        ),
+        "packed": lambda: packed(400 * MIB // 12),
+        "packed that is bearable": lambda: packed(1_000_000),
+        "fields of any count": file("binary", bytes(600), 50, "x y z w", f"1 1 1 {10**18}"),
     }
-    for num in HUGE:
-        bodies[f"{num} points in text"] = file("ascii", b"1 2 3\n", num=num)
-        bodies[f"{num} points in bytes"] = file("binary", bytes(600), num=num)
     return {name: _file("a.pcd", content) for name, content in bodies.items()}
 
 
@@ -184,20 +167,12 @@ def _accessor(count, **more):
     return {"bufferView": 0, "componentType": 5126, "count": count, "type": "VEC3"} | more
 
 
-def glb(document, binary=bytes(48), length=None):
+def glb(document, binary=bytes(48)):
     text = document if isinstance(document, bytes) else json.dumps(document).encode()
     text += b" " * (-len(text) % 4)
     chunks = struct.pack("<I4s", len(text), b"JSON") + text
     chunks += struct.pack("<I4s", len(binary), b"BIN\0") + binary
-    return b"glTF" + struct.pack("<II", 2, 12 + len(chunks) if length is None else length) + chunks
-
-
-def _sparse(count, num=1):
-    accessor = _accessor(count, sparse={"count": num})
-    del accessor["bufferView"]
-    view = {"bufferView": 0}
-    accessor["sparse"] |= {"indices": view | {"componentType": 5121}, "values": view}
-    return _document(accessors=[accessor])
+    return b"glTF" + struct.pack("<II", 2, 12 + len(chunks)) + chunks
 
 
 def _gltf():
@@ -205,39 +180,20 @@ def _gltf():
     primitive = {"attributes": {"POSITION": 0}, "mode": 0}
     many = np.zeros((30_000, 3), dtype="<f4").tobytes()
     big = _document(many, accessors=[_accessor(30_000)])
-    meshes = {
-        "sparse": _sparse(10_000_000),
-        "sparse of any count": _sparse(10**18),
-        "copies": big | {"nodes": [{"mesh": 0}] * 5000, "scenes": [{"nodes": [*range(5000)]}]},
-        "morph targets": big
-        | {
-            "meshes": [{"primitives": [primitive | {"targets": [primitive["attributes"]] * 5000}]}],
-            "nodes": [{"mesh": 0, "weights": [1] * 5000}],
-        },
-        "a circle of nodes": _document(nodes=[{"children": [1], "mesh": 0}, {"children": [0]}]),
-        "a chain of nodes": _document(nodes=[*chain, {"mesh": 0}]),
-        "a stride beyond the end": _document(
-            bufferViews=[{"buffer": 0, "byteLength": 48, "byteStride": 2**60}]
-        ),
+    morphed = big | {
+        "meshes": [{"primitives": [primitive | {"targets": [primitive["attributes"]] * 5000}]}],
+        "nodes": [{"mesh": 0, "weights": [1] * 5000}],
     }
+    stride = {"buffer": 0, "byteLength": 48, "byteStride": 2**60}
     bodies = {
-        name: (
-            lambda one=one: glb(one, many if one["buffers"][0]["byteLength"] > 48 else bytes(48))
-        )
-        for name, one in meshes.items()
-    }
-    for num in HUGE:
-        bodies[f"{num} points"] = glb(_document(accessors=[_accessor(num)]))
-    bodies |= {
+        "morph targets": lambda: glb(morphed, many),
+        "a chain of nodes": lambda: glb(_document(nodes=[*chain, {"mesh": 0}])),
+        "a stride beyond the end": glb(_document(bufferViews=[stride])),
         "brackets": glb(deep),
         "a number without end": glb(b'{"asset": {"version": 2}, "scene": ' + b"9" * 10**5 + b"}"),
-        "a length beyond the end": glb(_document(), length=2**32 - 1),
-        "a chunk beyond the end": glb(_document())[:12] + b"\xff" * 4 + b"JSON",
     }
     found = {name: _file("a.glb", content) for name, content in bodies.items()}
     for name, uri in (
-        ("password", "../../../../../../etc/passwd"),
-        ("address", "file:///etc/passwd"),
         ("device", "%2Fdev%2Fzero"),
         ("itself", "a.gltf"),
         ("data", "data:;base64," + "A" * 10**7 + "!"),
@@ -251,10 +207,10 @@ def _gltf():
 # --- VTK
 
 
-def vtp(arrays, appended=b"", *, head="", compressor="", encoding="raw", doctype=""):
+def vtp(arrays, appended=b"", *, compressor="", encoding="raw"):
     """A file of one piece, or of as many as its text has, with arrays in the order of ``Points`` and ``Polys``."""
     compressor = compressor and f' compressor="vtk{compressor}DataCompressor"'
-    text = f'<?xml version="1.0"?>{doctype}<VTKFile type="PolyData" header_type="UInt64"{compressor}>{head}'
+    text = f'<?xml version="1.0"?><VTKFile type="PolyData" header_type="UInt64"{compressor}>'
     text += f"<PolyData>{arrays}</PolyData>"
     if appended:
         return text.encode() + (
@@ -272,17 +228,14 @@ def _piece(num=4, offset=0, form="appended", body=""):
     )
 
 
-def _blocks(pack, num, size=MIB):
-    packed = pack(bytes(size))
-    sizes = np.array([num, size, 0, *[len(packed)] * num], dtype="<u8").tobytes()
+def _blocks(pack, num):
+    packed = pack(bytes(MIB))
+    sizes = np.array([num, MIB, 0, *[len(packed)] * num], dtype="<u8").tobytes()
     return sizes + packed * num
 
 
 def _vtp():
     plain = struct.pack("<Q", 24 * 10_000) + bytes(24 * 10_000)
-    laughs = "".join(f"<!ENTITY e{n + 1} '{f'&e{n};' * 10}'>" for n in range(12))
-    laughs = f"<!DOCTYPE VTKFile [<!ENTITY e0 '1 2 3 '>{laughs}]>"
-    funny = vtp(_piece(form="ascii", body="&e12;"), doctype=laughs).decode()
     bodies = {
         "zlib": lambda: vtp(
             _piece(400 * MIB // 24), _blocks(zlib.compress, 400), compressor="ZLib"
@@ -299,28 +252,14 @@ def _vtp():
         "many attributes": lambda: vtp(
             "<a " + " ".join(f"a{at}='1'" for at in range(10**5)) + "/>"
         ),
-        "laughs": funny.encode(),
-        "laughs in UTF-16": b"\xff\xfe"
-        + funny.replace('version="1.0"', 'version="1.0" encoding="UTF-16"', 1).encode("utf-16-le"),
-        "a type elsewhere": vtp(_piece(), doctype='<!DOCTYPE VTKFile SYSTEM "file:///dev/zero">'),
-        "an entity elsewhere": vtp(
-            _piece(form="ascii", body="&e;"),
-            doctype='<!DOCTYPE a [<!ENTITY e SYSTEM "/etc/passwd">]>',
-        ),
+        "a number of points without end": vtp(_piece("9" * 5000, form="ascii", body="1 2 3")),
     }
-    for num in (10**12, 2**63 - 1):
-        bodies[f"{num} bytes"] = vtp(_piece(), struct.pack("<Q", num) + bytes(99))
-        bodies[f"{num} blocks"] = vtp(_piece(), struct.pack("<4Q", num, 8, 8, 8), compressor="ZLib")
-        bodies[f"blocks of {num}"] = vtp(
-            _piece(), struct.pack("<4Q", 1, num, 0, 8), compressor="ZLib"
-        )
-    bodies["a number of points without end"] = vtp(_piece("9" * 5000, form="ascii", body="1 2 3"))
     return {name: _file("a.vtp", content) for name, content in bodies.items()}
 
 
 def _vtk():
-    def file(body, mode="ASCII"):
-        return f"# vtk DataFile Version 3.0\na\n{mode}\nDATASET POLYDATA\n".encode() + body
+    def file(body):
+        return b"# vtk DataFile Version 3.0\na\nASCII\nDATASET POLYDATA\n" + body
 
     bodies = {
         "blanks": file(b" " * 300_000 + b"a\ra"),
@@ -334,9 +273,6 @@ def _vtk():
             b"POINTS 3 float\n0 0 0 1 0 0 0 1 0\nPOLYGONS 1 1000001\n1000000" + b" 0 1" * 500_000
         ),
     }
-    for num in HUGE:
-        for mode in ("ASCII", "BINARY"):
-            bodies[f"{num} points, {mode}"] = file(f"POINTS {num} double\n0 0 0\n".encode(), mode)
     return {name: _file("a.vtk", content) for name, content in bodies.items()}
 
 
@@ -352,7 +288,6 @@ def _ply():
     faces = "element face 1\nproperty list {} int vertex_indices\n"
     bodies = {
         "elements without properties": file(f"element nothing {10**18}\n{four}", bytes(96)),
-        "lists of any length": file(four + faces.format("uint"), bytes(96) + b"\xff" * 12),
         "lists of digits": file(four + faces.format("int"), b"0 0 0\n" * 4 + b"9" * 10**5, "ascii"),
         "many properties": lambda: file(
             f"element vertex 1\n{xyz}" + "".join(f"property char a{at}\n" for at in range(40_000)),
@@ -363,11 +298,6 @@ def _ply():
         ),
         "a header without end": b"ply\nformat ascii 1.0\n" + b"comment a\n" * 10**6,
     }
-    for num in HUGE:
-        for kind in ("ascii", "binary_big_endian"):
-            bodies[f"{num} vertices, {kind}"] = file(
-                f"element vertex {num}\n{xyz}", b"0 0 0\n", kind
-            )
     return {name: _file("a.ply", content) for name, content in bodies.items()}
 
 
@@ -384,8 +314,6 @@ def _text():
         "csv quotes": ("a.csv", b'x,y,z\n"' + b"1,2,3\n" * 100_000),
         "pts scans": ("a.pts", b"1\n1 2 3\n" * 20_000),
     }
-    for num in HUGE:
-        files[f"off {num}"] = "a.off", f"OFF\n{num} {num} 0\n0 0 0\n".encode()
     return {name: _file(*file) for name, file in files.items()}
 
 
@@ -393,12 +321,7 @@ def _text():
 
 
 def _landmarks():
-    laughs = "".join(f"<!ENTITY e{n + 1} '{f'&e{n};' * 10}'>" for n in range(12))
-    picked = (
-        f"<!DOCTYPE P [<!ENTITY e0 'a'>{laughs}]><P><point name='&e12;' x='0' y='0' z='0'/></P>"
-    )
     files = {
-        "picked": ("a.pp", picked.encode()),
         "slicer brackets": ("a.mrk.json", b'{"markups": ' + b"[" * 10**5),
         "slicer numbers": (
             "a.mrk.json",

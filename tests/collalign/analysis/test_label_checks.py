@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from collalign.analysis.label_checks import (
-    as_numbers,
     copy_contradictions,
     side_contradictions,
     size_contradictions,
@@ -33,11 +32,6 @@ NAMES = [*"abcdefghijkl"]
 )
 def test_a_column_is_numbers_but_for_a_few_cells(values, found):
     assert wrong_cells(values, NAMES[: len(values)]) == found
-
-
-def test_declared_numbers_have_no_other_cells():
-    assert wrong_cells(["1", "x", "y"], NAMES[:3], declared=True) == {"b": "x", "c": "y"}
-    np.testing.assert_array_equal(as_numbers(["1.5", "", "x"]), [1.5, np.nan, np.nan])
 
 
 @pytest.mark.parametrize(

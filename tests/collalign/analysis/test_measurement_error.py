@@ -29,19 +29,6 @@ def repeated(rng, *, num=40, repeats=3, individual=0.05, error=0.05):
     return shapes, [f"i{at}" for at in np.repeat(np.arange(num), repeats).tolist()]
 
 
-def test_the_worst_measured_individual_has_the_largest_spread():
-    rng = np.random.default_rng(9)
-    shapes, individuals = repeated(rng, num=8, error=0.01)
-    shapes[4] += 0.2 * rng.standard_normal((10, 3))
-    found = measurement_error(shapes[:-2], individuals[:-2], permutations=99)
-    assert found.individuals[int(np.nanargmax(found.spreads))] == "i1"
-    assert found.counts.tolist() == [3] * 7 + [1]
-    assert np.isnan(found.spreads[-1])
-    within = found.anova[1]
-    squares = np.nansum(found.spreads**2 * (found.counts - 1))
-    np.testing.assert_allclose(squares, within.sum_of_squares)
-
-
 def test_repeats_that_tell_nothing_are_refused():
     shapes, individuals = repeated(np.random.default_rng(10), num=3)
     for wrong in (["a"] * 9, [f"{at}" for at in range(9)], [""] * 9):

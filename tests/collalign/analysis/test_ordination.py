@@ -18,11 +18,3 @@ def test_the_largest_coordinate_of_each_axis_is_positive(rng):
     for points in rng.standard_normal((8, 6, 2)):
         found, _ = classical_mds(squareform(pdist(points)))
         assert (found.max(axis=0) == np.abs(found).max(axis=0)).all()
-
-
-def test_mds_of_two_and_of_equal_shapes():
-    found, _ = classical_mds([[0, 3], [3, 0]])
-    assert np.linalg.norm(found[0] - found[1]) == pytest.approx(3)
-    found, shares = classical_mds(np.zeros((3, 3)))
-    assert not found.any()
-    assert not shares.any()

@@ -1,8 +1,7 @@
-"""Tests of shape against other formulas: differences of models, and distances between all shapes (Gower 1966)."""
+"""Tests of shape against other formulas: differences of models."""
 
 import numpy as np
 import pytest
-from scipy.spatial.distance import pdist, squareform
 
 from collalign.analysis.shape_tests import (
     Effects,
@@ -16,24 +15,6 @@ from data_tools.errors import InputError, OptionsError
 
 def family(rng, num=30):
     return rng.standard_normal((num, 12)), np.repeat(["a", "b", "c"], num // 3).tolist()
-
-
-def test_groups_differ_as_the_distances_of_their_shapes_say():
-    shapes, labels = family(np.random.default_rng(8))
-    squared = squareform(pdist(shapes)) ** 2
-    disparities, distances, differences = compare_groups(shapes, labels, permutations=9)
-    members = [np.array(labels) == group for group in disparities]
-    within = [squared[np.ix_(one, one)].sum() / (2 * 10 * 9) for one in members]
-    np.testing.assert_allclose([*disparities.values()], within, atol=1e-12)
-    for (a, b), distance, difference in zip(
-        ((0, 1), (0, 2), (1, 2)), distances.values, differences.values, strict=True
-    ):
-        means = [
-            squared[np.ix_(members[one], members[other])].mean()
-            for one, other in ((a, b), (a, a), (b, b))
-        ]
-        assert np.isclose(distance**2, means[0] - means[1] / 2 - means[2] / 2)
-        assert np.isclose(difference, abs(within[a] - within[b]))
 
 
 def test_p_is_as_often_small_as_it_says_where_there_is_nothing():

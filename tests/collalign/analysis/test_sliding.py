@@ -1,11 +1,11 @@
-"""Sliding against geomorph and a dense computation of its own, and what must hold of any of it."""
+"""Sliding against geomorph, and what must hold of any of it."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from collalign.analysis.procrustes import best_rotations, generalized_procrustes, unit_size
+from collalign.analysis.procrustes import best_rotations, unit_size
 from collalign.analysis.sliding import bending_matrix, slide_semilandmarks
 from data_tools.errors import InputError, OptionsError
 from data_tools.rotations import random_rotation
@@ -59,52 +59,11 @@ def test_the_order_of_shapes_does_not_matter(rng):
     np.testing.assert_allclose(slide_semilandmarks(points[::-1], SLIDERS), slid[::-1], atol=1e-8)
 
 
-def dense_round(points, criterion):
-    """Return one round of sliding by matrices of all 3 l coordinates, written as in Gunz et al. 2005."""
-    aligned = generalized_procrustes(points)
-    mean, num = aligned.mean(axis=0), points.shape[1]
-    kernel = np.linalg.norm(mean[:, None] - mean, axis=2)
-    affine = np.column_stack([np.ones(num), mean])
-    system = np.block([[kernel, affine], [affine.T, np.zeros((4, 4))]])
-    one = -np.linalg.inv(system)[:num, :num] if criterion == "bending" else np.eye(num)
-    energy = np.kron(np.eye(3), one)
-    slid = []
-    for shape in aligned:
-        tangents = np.zeros((3 * num, len(SLIDERS)))
-        for column, (before, at, after) in enumerate(SLIDERS):
-            way = shape[after] - shape[before]
-            tangents[[at, num + at, 2 * num + at], column] = way / np.linalg.norm(way)
-        away = (shape - mean).T.ravel()
-        lengths = -np.linalg.solve(tangents.T @ energy @ tangents, tangents.T @ energy @ away)
-        slid.append(shape + (tangents @ lengths).reshape(3, num).T)
-    return np.array(slid)
-
-
 def apart(shapes, others):
     """Return the largest distance of a point from that of another shape, both superimposed by themselves."""
     one, other = unit_size(shapes), unit_size(others)
     turned = one @ np.swapaxes(best_rotations(other, one), 1, 2)
     return np.linalg.norm(turned - other, axis=2).max()
-
-
-@pytest.mark.parametrize("criterion", ["bending", "procrustes"])
-def test_a_round_is_that_of_a_dense_computation(rng, criterion, monkeypatch):
-    monkeypatch.setattr("collalign.analysis.sliding._MAX_SLIDES", 1)
-    points = shapes(rng, uneven=0.4)
-    expected = dense_round(points, criterion)
-    assert apart(slide_semilandmarks(points, SLIDERS, criterion=criterion), expected) < 1e-9
-    assert apart(points, expected) > 1e-3
-
-
-def test_points_of_surfaces_slide_in_their_tangent_planes(rng):
-    grid = np.stack(np.meshgrid(*2 * [np.linspace(-1, 1, 5)]), axis=-1).reshape(-1, 2)
-    flat = np.column_stack([grid, np.zeros(len(grid))])
-    points = np.array([np.concatenate([flat, FIXED]) for _ in range(4)])
-    inner = np.flatnonzero((np.abs(grid) < 0.9).all(axis=1))
-    points[:, inner, :2] += rng.uniform(-0.2, 0.2, (4, len(inner), 2))
-    slid = slide_semilandmarks(points, [], inner.tolist())
-    np.testing.assert_allclose(slid[:, inner, 2], 0.0, atol=1e-9)
-    assert slid.std(axis=0)[inner].mean() < 0.5 * points.std(axis=0)[inner].mean()
 
 
 def test_affine_displacements_do_not_bend_and_others_do(rng):

@@ -56,15 +56,6 @@ def test_a_shape_whose_pairs_contradict_each_other_is_unsure_of_its_side():
     assert np.flatnonzero(find_sides(edges, energies, 20).unsure).tolist() == [9]
 
 
-def test_one_side_is_no_mix_nor_are_strong_preferences_that_contradict_each_other():
-    assert not sides_of(np.zeros(20, dtype=bool), clear=0.0, noise=0.6).are_likely
-    found = sides_of(np.zeros(20, dtype=bool))
-    assert not found.mirrored.any()
-    assert not found.are_suspected
-    assert not found.are_likely
-    assert np.isnan(found.median_between)
-
-
 @pytest.mark.parametrize("num", [6, 8, 12, 20, 40])
 def test_preferences_at_random_are_hardly_ever_likely(num):
     rng = np.random.default_rng(num)

@@ -47,17 +47,6 @@ def test_certain_shapes_stay_and_decided_ones_move(tmp_path):
     np.testing.assert_allclose(fixed["b"], np.diag([1.0, -1.0, -1.0]) @ R[1], atol=1e-12)
 
 
-def test_certain_shapes_may_have_left_the_collection_but_not_all(tmp_path):
-    found = read_corrections(write(tmp_path, record()))
-    assert [set(poses) for poses in fixed_by([found], ["b", "c", "d"])] == [{"b", "c"}, {"d"}]
-    with pytest.raises(InputError, match="none of the shapes that it refers to"):
-        fixed_by([found], ["b", "c"])
-
-
-def test_no_decisions_fix_nothing(tmp_path):
-    assert fixed_by([read_corrections(write(tmp_path, record(decisions=[])))], NAMES) == ({}, {})
-
-
 def test_decisions_by_names_that_nearly_agree_are_taken_and_said(tmp_path, caplog):
     fixed, kept = fixed_by([read_corrections(write(tmp_path, record()))], ["A", "b", "_C", "d"])
     assert (set(fixed), set(kept)) == ({"b", "_C"}, {"A", "d"})

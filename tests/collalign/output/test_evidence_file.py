@@ -1,10 +1,8 @@
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from collalign.engine.command_line import json_types
 from collalign.engine.records import from_arrays, to_arrays
 from collalign.output.collection import Collection
 from collalign.output.evidence_file import EVIDENCE_FILE, label_maps
@@ -87,29 +85,6 @@ def test_views_check_themselves(tmp_path):
             load(write_result(dataclasses.replace(view, **change), tmp_path).parent)
     with pytest.raises(InputError, match="no shape is called"):
         view.index("nobody")
-
-
-def test_decomposition_of_the_transforms():
-    view = view_of(5)
-    np.testing.assert_allclose(
-        view.rotations @ np.swapaxes(view.rotations, 1, 2),
-        np.tile(np.eye(3), (5, 1, 1)),
-        atol=1e-12,
-    )
-    assert view.reflected.tolist() == [False, False, True, False, False]
-    np.testing.assert_allclose(
-        view.scales[:, None, None] * view.rotations, view.transforms[:, :3, :3], rtol=1e-12
-    )
-
-
-def test_json_types_know_no_nan():
-    value = {
-        "a": (np.float64("nan"), np.array([1, 2]), Path("x")),
-        1: True,
-        "none": None,
-        "inf": float("inf"),
-    }
-    assert json_types(value) == {"a": [None, [1, 2], "x"], "1": True, "none": None, "inf": None}
 
 
 def first_pair(change):

@@ -18,13 +18,9 @@ from collalign.output.members import statistics_members
 from collalign.output.report.content import build_content
 from collalign.output.report.page import report_pages, shown_part, write_report
 from collalign.output.report.payload import MISSING, pack_mesh, quaternions
-from collalign.output.report.sections import offered_poses
-from collalign.products.pair import Alternative
 from collalign.products.shapes import Incomplete
 from data_tools.embedding.copies import Copies
 from data_tools.notes import Note
-from data_tools.poses import APART_DEG
-from data_tools.rotations import rotation_angle_deg
 from tests.view_problems import view_of
 
 
@@ -73,19 +69,6 @@ def test_quaternions_carry_reflections():
     np.testing.assert_allclose(back, R, atol=1e-12)
     assert mirrored.tolist() == [0, 1, 0, 1, 0]
     assert quaternions(np.empty((0, 3, 3)))[0].shape == (0, 4)
-
-
-def test_offered_poses_are_distinct_and_begin_with_the_evidence():
-    view = view_of(4)
-    near = Alternative(rotation=Rotation.from_rotvec([0.1, 0, 0]).as_matrix() @ view.rotations[0])
-    view = dataclasses.replace(view, alternatives=((near,), *view.alternatives[1:]))
-    for at, poses in enumerate(offered_poses(view)):
-        everything = [view.rotations[at], *(pose.rotation for pose in poses)]
-        for a, one in enumerate(everything):
-            assert all(rotation_angle_deg(one, other) > APART_DEG for other in everything[a + 1 :])
-    first = offered_poses(view)[1][0]
-    assert (first.origin, first.log_odds) == ("candidates", 0.7)
-    assert len(offered_poses(view)[0]) == 3
 
 
 def test_doubtful_incomplete_and_unaligned_shapes_do_not_count_and_are_named():

@@ -26,11 +26,11 @@ HALF_TURN = np.diag([1.0, -1.0, -1.0])
 
 @pytest.fixture(scope="module")
 def cut_blobs() -> tuple[dict[str, Shape], FloatArray]:
-    """Seven blobs that differ a little, another quarter of each cut off, posed and scaled; and their rotations."""
+    """Five blobs that differ a little, another quarter of each cut off, posed and scaled; and their rotations."""
     rng = np.random.default_rng(3)
     base = blob(rng, num_vertices=1000)
     given, rotations = {}, []
-    for n in range(7):
+    for n in range(5):
         piece = without_share(bumped(base, rng, rms=0.02), rng.standard_normal(3), 0.25)
         rotations.append(random_rotation(rng))
         placed = rng.uniform(0.5, 2.0) * piece.vertices @ rotations[-1].T + rng.standard_normal(3)

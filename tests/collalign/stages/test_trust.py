@@ -132,15 +132,6 @@ def test_right_poses_have_votes_and_margins_and_a_wrong_one_has_neither(right, f
     assert chance[2] < np.delete(chance, 2).min()
 
 
-def test_an_answer_that_pairs_were_solved_again_for_does_not_vote(crowns):
-    samples, truth = crowns
-    first = pairs_at(truth, wrong={0})
-    trust = trusted(samples, first, truth)
-    assert column(trust, "votes")[0] == 0.5 / NUM
-    assert column(trust, "lead").tolist() == [leads.min() for leads in trust.leads]
-    assert trust.leads[0].min() < trust.leads[0].max()
-
-
 def test_rivals_are_apart_from_the_pose_and_from_each_other(crowns):
     _, truth = crowns
     partners = partners_of(pairs_at(truth), truth)
@@ -180,20 +171,6 @@ def test_the_cost_is_zero_on_itself_and_sees_normals(rng):
     assert surface_gap((points, normals), (points @ turn, normals @ turn), turn[None]) < 1e-12
 
 
-def test_evidence_for_a_pose_never_lowers_its_probability():
-    middle = np.array([0.5, 0.2, 0.6, 0.4, 0.0, 0.2, 0.4, 0.0, 20.0, 1.0])
-    for at, kind in enumerate(KINDS):
-        if "mis" in kind or kind in ("cycles", "block margin"):
-            continue  # what only limits
-        step = 0.2 * np.eye(len(KINDS))[at]
-        assert probability((middle - step)[None]) < probability((middle + step)[None])
-    assert np.isnan(probability(np.full((1, len(KINDS)), np.nan))).all()
-    assert (
-        probability(np.array([[1.0, 9.0, 1.0, 9.0, -1.0, 9.0, 0.1, 0.0, 20.0, 9.0]]))
-        == MOST_CONFIDENT
-    )
-
-
 #: No misfit, and nothing known of neighbourhoods.
 REST = (0.0, np.nan, np.nan, np.nan, 20.0, 1.0)
 
@@ -217,18 +194,6 @@ def trust_in(evidence, rivals, excess, leads):
         "leads": tuple(leads),
     }
     return Trust(evidence=seen, symmetries=none, up_to_symmetry=seen, **rest)
-
-
-def test_evidence_beyond_what_the_model_has_seen_counts_as_its_limit():
-    def chance(*evidence):
-        return float(probability(np.array([[*evidence, *REST]]))[0])
-
-    assert chance(0.4, 5.0, 0.4, 9.0) == chance(0.4, 0.8, 0.4, 4.0)
-    assert chance(0.9, -5.0, 0.9, -9.0) == chance(0.9, -0.3, 0.9, -2.0)
-    assert 0.0 < chance(0.9, -5.0, 0.9, 0.0) < chance(0.9, 0.0, 0.9, 0.0) < 1.0
-    misses_by_more = np.array([[1.0, 0.2, 1.0, 4.0, 0.5, 0.2, 0.3, 0.0, 20.0, 1.0]])
-    (stated,) = probability(misses_by_more)
-    assert UNCERTAIN < stated < DOUBT
 
 
 def test_what_limits_a_confidence_is_named_and_keeps_the_order_of_chances():
@@ -271,17 +236,6 @@ def test_rivals_that_fit_as_well_share_the_confidence():
     )  # pairs tell the first apart
 
 
-def test_poses_that_are_alike_share_the_confidence_of_all_shapes():
-    sure = np.array([1.0, 0.8, 1.0, 4.0, 0.0, 0.5, 0.3, 0.0, 20.0, 1.0])
-    plain = trust_in(
-        [sure, sure], [np.eye(3)[None]] * 2, [np.array([0.5])] * 2, [np.array([5.0])] * 2
-    )
-    assert pose_confidence(plain).tolist() == [MOST_CONFIDENT] * 2
-    alike = replace(plain, symmetries=(np.stack([np.eye(3), HALF_TURN]), np.eye(3)[None]))
-    assert pose_confidence(alike).tolist() == [MOST_CONFIDENT / 2, MOST_CONFIDENT]
-    assert symmetric_confidence(alike).tolist() == [MOST_CONFIDENT] * 2
-
-
 def test_cheaper_rivals_are_likelier_and_come_first():
     trust = trust_of([0.7, 0.1, 0.7, 0.5], [0.5, 0.1, 0.3, 0.9])
     first = solved(pairs_at(np.stack([np.eye(3)] * 2)))
@@ -310,27 +264,6 @@ def test_partners_ask_for_poses_from_both_ends_the_likeliest_and_best_matched_fi
             assert np.argmin(angles) == int({i, partner.shape} == {0, 2})
             assert min(angles) < 1e-4
             assert partner.excess[0] == 0.0 < partner.excess[1]
-
-
-def test_the_most_supported_rival_comes_first(crowns):
-    _, truth = crowns
-    same, likely, far = (
-        Rotation.from_euler(axis, angle, degrees=True).as_matrix() @ truth[0]
-        for axis, angle in (("y", 25), ("x", 70), ("z", 70))
-    )
-    excess = np.array([0.0, 2.0, 0.2])
-    partner = Partner(
-        shape=1,
-        poses=np.stack([same, far, likely]),
-        excess=excess,
-        log_odds=-8.0 * excess,
-        energy=1.0,
-    )
-    rivals = rival_poses(truth[0], [partner], NO_TURNS)
-    assert rotation_angle_deg(rivals[0], likely) < 1e-4
-    assert (
-        min(rotation_angle_deg(rival, truth[0]) for rival in rivals) > 30.0
-    )  # less is the same pose
 
 
 def test_the_lead_is_the_mean_over_pairs_and_counts_poses_that_a_pair_did_not_find_as_its_last():
@@ -366,17 +299,6 @@ def test_poses_at_which_copies_do_not_fit_are_as_implausible_as_any_unless_copie
         copy, poses=np.stack([np.eye(3), turned]), excess=np.zeros(2), log_odds=np.zeros(2)
     )
     assert leads_over(np.eye(3), turned[None], [both, both]).tolist() == [0.0]  # a box
-
-
-def test_the_cost_looks_both_ways(rng):
-    whole, none = rng.standard_normal((40, 3)), np.empty((0, 3))
-    part = whole[:10]
-    costs = [
-        surface_gap((a, none), (b, none), np.eye(3)[None])
-        for a, b in ((whole, part), (part, whole))
-    ]
-    assert costs[0] == pytest.approx(costs[1])
-    assert min(costs) > 0.01
 
 
 def test_alternatives_share_what_the_pose_leaves_and_poses_set_by_hand_are_certain(crowns, right):
@@ -553,16 +475,6 @@ def test_pairs_that_choose_between_two_poses_at_random_are_rarely_taken_to_know_
     assert np.mean(np.array(odds) > 2.0) < 0.1
 
 
-def test_two_or_three_shapes_never_know_and_many_that_agree_do():
-    assert cycle_log_odds(1, 0, 0) == pytest.approx(0.0)
-    assert cycle_log_odds(2, 1, 0) < cycle_log_odds(3, 3, 0) < 0.0
-    agreeing = [cycle_log_odds(num, num * (num - 1) // 2, 0) for num in range(3, 9)]
-    assert (np.diff(agreeing) > 0.5).all()
-    contradicted = [cycle_log_odds(6, 15, num) for num in range(6)]
-    assert (np.diff(contradicted) < -0.5).all()
-    assert contradicted[0] > 4.0 > -3.0 > contradicted[-1]
-
-
 def test_contradictions_that_scatter_say_less_against_pairs_than_those_that_agree():
     alike, scattered = (cycle_log_odds(40, 200, 70, num_poses=num) for num in (2.0, 8.0))
     assert alike < 0.0 < 50.0 < scattered
@@ -616,21 +528,6 @@ def test_few_shapes_need_neighbourhoods_that_tell_poses_apart(num, is_enough):
     assert clear >= DOUBT
     assert (vague >= DOUBT) == is_enough
     assert vague >= UNCERTAIN
-
-
-def test_a_shape_that_fits_better_in_another_pose_is_less_than_even_odds():
-    against = {"margin": -0.02, "local_margin": -0.02}
-    assert probability(seen_of(**against)) < 0.5
-    for known in ({"margin": 0.02}, {"local_margin": 0.02}, {"local_margin": np.nan}):
-        assert probability(seen_of(**against | known)) > 0.5
-
-
-def test_neighbourhoods_that_are_not_known_leave_the_word_to_dense_points():
-    for margin in (0.1, 0.2, 0.5):
-        same = seen_of(margin=margin, local_margin=margin)
-        assert probability(
-            seen_of(margin=margin, local_margin=np.nan, mismatch=np.nan)
-        ) == probability(same)
 
 
 def test_a_shape_that_resembles_no_other_is_named_and_limited():

@@ -72,14 +72,6 @@ def test_points_without_a_partner_say_nothing():
         synchronize_permutations(edges[:1], none)
 
 
-def test_places_take_the_place_of_maps_that_are_not_there():
-    _, maps, places = _planted(np.random.default_rng(5), 5, 6, complete_edges(5), 0.0)
-    lonely = {"edges": [(0, 1)], "maps": maps[:1], "num_shapes": 5}
-    with pytest.raises(InputError, match="shape 2"):
-        synchronize_permutations(**lonely)
-    assert synchronize_permutations(**lonely, positions=places).shape == (5, 6)
-
-
 @pytest.mark.parametrize(
     ("changed", "kind", "message"),
     [

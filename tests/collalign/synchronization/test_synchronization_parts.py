@@ -1,22 +1,16 @@
 """Parts of synchronization against their definitions: noise model, turns, affinities, last weights, signs, gauge."""
 
-import itertools
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from collalign.synchronization import PairGraph, principal_axes_gauge, synchronize
 from collalign.synchronization.clusters import pair_affinity, spectral_clusters
-from collalign.synchronization.frames import relative, transposed
+from collalign.synchronization.frames import transposed
 from collalign.synchronization.hypotheses import (
-    Hypotheses,
     _add_own_hypotheses,
-    _directed_flips,
-    _flipped_pairs,
     _modes,
-    _rotated_distances,
     aligned_candidates,
 )
 from collalign.synchronization.model import (
@@ -28,10 +22,7 @@ from collalign.synchronization.model import (
     relative_weights,
     squared_distances,
 )
-from collalign.synchronization.robust import connectivity_warnings
-from collalign.synchronization.search import State, common_costs
 from collalign.synchronization.spectral import synchronize_signs
-from data_tools.notes import Note
 from data_tools.rotations import rotation_angle_deg
 from pairwise.rotation_pattern import RotationPattern
 from tests.synchronization_problems import (
@@ -52,26 +43,6 @@ def noisy_graph(num, noise_deg, *, seed=0, **options):
     edges, truth = complete_edges(num), random_rotations(rng, num)
     pairs = exact_pairs(truth, edges) @ small_rotations(rng, (len(edges),), noise_deg)
     return PairGraph.from_user(edges, pairs, **options), truth
-
-
-def test_squared_distances_are_frobenius():
-    graph, truth = noisy_graph(5, 20.0)
-    frames = transposed(truth)
-    expected = graph.candidates[:, 0] - relative(frames, graph.edges)
-    found = squared_distances(graph, frames)[:, 0]
-    np.testing.assert_allclose(found, (expected**2).sum(axis=(1, 2)), atol=1e-12)
-
-
-def test_costs_are_the_log_of_a_mixture_and_shares_its_parts():
-    graph, _ = noisy_graph(4, 10.0)
-    model = EdgeModel(graph=graph)
-    for distance in (0.0, 0.3, 8.0):
-        squared = np.full((graph.num_edges, 1), distance)
-        inlier, outlier = np.exp(model.log_terms(squared))[:, 0], np.exp(model.log_uniform)
-        np.testing.assert_allclose(model.costs(squared), -np.log(inlier + outlier), atol=1e-12)
-        np.testing.assert_allclose(
-            model.responsibilities(squared)[:, 0], inlier / (inlier + outlier), atol=1e-12
-        )
 
 
 def test_noise_is_estimated_with_the_freedom_of_the_frames_discounted():
@@ -130,12 +101,6 @@ def test_a_turned_shape_proposes_its_own_turn_whichever_side_of_its_pairs_it_is(
     np.testing.assert_allclose(mine, np.broadcast_to(turns[shape, 1], mine.shape), atol=1e-6)
 
 
-@pytest.mark.parametrize(("angle_deg", "count"), [(26.0, 0), (36.0, 1)])
-def test_what_is_within_thirty_degrees_of_a_known_turn_is_no_other(angle_deg, count):
-    turn = Rotation.from_euler("z", angle_deg, degrees=True).as_matrix()
-    assert len(_modes(np.tile(turn, (9, 1, 1)), np.ones(9), 0.02, 5, np.eye(3)[None], 48)) == count
-
-
 def test_modes_are_apart_and_the_heaviest_first():
     rng = np.random.default_rng(3)
     flip = np.diag([1.0, -1.0, -1.0])
@@ -147,81 +112,6 @@ def test_modes_are_apart_and_the_heaviest_first():
     found = RotationPattern.from_user(None, 3, "SO").project(means)
     assert rotation_angle_deg(found[0], THIRD) < 3.0
     assert rotation_angle_deg(found[1], flip) < 3.0
-
-
-def turn_set(*turns, num=3, rate=0.1):
-    common = np.array(turns)
-    every = np.tile(np.concatenate([np.eye(3)[None], common]), (num, 1, 1, 1))
-    return Hypotheses(
-        rotations=every,
-        offered=np.ones(every.shape[:2], dtype=bool),
-        common=common,
-        rates=np.full(len(common), rate),
-        explained=np.ones(num * (num - 1) // 2),
-    )
-
-
-def test_flips_go_both_ways_unless_they_are_their_own_inverse():
-    both = _directed_flips(turn_set(THIRD))
-    assert [rate for _, rate in both] == [0.05, 0.05]
-    assert np.allclose(both[0][0], both[1][0].T)
-    assert not np.allclose(both[0][0], both[1][0])
-    assert len(_directed_flips(turn_set(np.diag([1.0, -1.0, -1.0])))) == 1
-    assert _directed_flips(turn_set(THIRD, rate=1e-6)) == []
-
-
-@pytest.mark.parametrize("noises_rad", [(0.05, 0.35), (0.35, 0.05)])
-def test_states_are_compared_at_one_noise_whatever_each_has_fitted(noises_rad):
-    rng = np.random.default_rng(5)
-    edges, truth = complete_edges(12), random_rotations(rng, 12)
-    pairs = exact_pairs(truth, edges) @ small_rotations(rng, (len(edges),), 5.0)
-    pairs[::2] = random_rotations(rng, len(pairs[::2]))
-    graph = PairGraph.from_user(edges, pairs)
-    states = [
-        State(
-            model=EdgeModel(graph=graph, noise_rad=noise),
-            frames=frames,
-            beliefs=np.ones((12, 1)),
-            alternatives=own,
-        )
-        for noise, frames in zip(
-            noises_rad, (transposed(truth), random_rotations(rng, 12)), strict=True
-        )
-        for own in [turn_set(THIRD, num=12)]
-    ]
-    costs = common_costs(states)
-    assert costs[1] > costs[0] + 10.0
-    assert np.allclose(
-        costs,
-        common_costs([replace(s, model=EdgeModel(graph=graph, noise_rad=0.05)) for s in states]),
-    )
-
-
-@pytest.mark.parametrize("shared", [True, False])
-def test_rotated_distances_are_those_of_their_definition(shared):
-    rng = np.random.default_rng(4)
-    graph, truth = noisy_graph(3, 30.0)
-    aligned = aligned_candidates(graph, transposed(truth))
-    alternatives = turn_set(*random_rotations(rng, 2))
-    if not shared:
-        turns = np.concatenate([alternatives.rotations, random_rotations(rng, 3)[:, None]], axis=1)
-        alternatives = replace(
-            alternatives, rotations=turns, offered=np.ones(turns.shape[:2], dtype=bool)
-        )
-    for flip in (None, THIRD):
-        found = _rotated_distances(graph, aligned, alternatives, flip=flip)
-        target = np.eye(3) if flip is None else flip
-        for e, (i, j) in enumerate(graph.edges):
-            for a, b in itertools.product(range(alternatives.rotations.shape[1]), repeat=2):
-                T = alternatives.rotations[i, a].T @ aligned[e, 0] @ alternatives.rotations[j, b]
-                assert found[e, 0, a, b] == pytest.approx(((T - target) ** 2).sum(), abs=1e-9)
-
-
-def test_pairs_are_wrong_by_a_common_rotation_as_far_as_they_are_not_right():
-    model, aligned = turned_by(THIRD, 2, 5)
-    is_turned = (model.graph.edges == 2).any(axis=1)
-    found = _flipped_pairs(model, aligned, THIRD[None], np.full(len(is_turned), 0.25))
-    np.testing.assert_allclose(found[:, 0], 0.75 * is_turned)
 
 
 def test_affinity_is_the_closure_rate_times_a_trust_that_never_exceeds_one():
@@ -267,11 +157,6 @@ def test_signs_are_relative_to_the_first_shape_and_agree_with_most_of_the_eviden
     # The first shape's own pairs say all that counts, the wrong one included.
     alone[[0, 1, 2, 3]] = 1.0
     assert synchronize_signs(edges, signs, alone, 5).tolist() == [False, True, True, True, True]
-
-
-def test_unconnected_parts_are_said():
-    assert connectivity_warnings(1) == ()
-    assert connectivity_warnings(2) == (Note("unconnected", values={"num": 2}),)
 
 
 def test_what_energies_say_of_candidates_is_learnt_from_the_pairs():

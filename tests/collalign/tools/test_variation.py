@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import trimesh
 from scipy.spatial.transform import Rotation
 
 from collalign.analysis.procrustes import (
@@ -85,17 +84,6 @@ def test_a_single_surface_is_refused():
     shapes, faces = stretched()
     with pytest.raises(InputError, match="at least two"):
         surface_variation(["a"], faces, shapes[:1])
-
-
-def test_values_come_back_from_ply(tmp_path):
-    mean, faces = sphere_mesh(50)
-    path = tmp_path / "a.ply"
-    write_ply(path, mean, faces, offset=mean[:, 0])
-    back = trimesh.load(path, process=False)
-    np.testing.assert_allclose(back.vertices, mean, atol=1e-6)
-    np.testing.assert_array_equal(back.faces, faces)
-    values = back.metadata["_ply_raw"]["vertex"]["data"]["offset"]
-    np.testing.assert_allclose(np.ravel(values), mean[:, 0], atol=1e-6)
 
 
 def written_to(to, variation, columns, landmarks, **others):

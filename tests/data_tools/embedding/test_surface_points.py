@@ -111,17 +111,6 @@ def test_normals_of_a_cloud_point_outwards(share):
     ).mean() > 0.98
 
 
-def test_pieces_of_a_cloud_each_get_a_side():
-    points = spread_over_triangles(sphere(), 0.05)[0]
-    two = np.concatenate([points, points + np.array([5.0, 0.0, 0.0])])
-    found = surface_cells(Shape.from_arrays(two, name="two"), 0.2)
-    own = found.points - np.where(found.points[:, :1] > 2.5, [5.0, 0.0, 0.0], 0.0)
-    assert (np.abs(np.einsum("la,la->l", own, found.normals)) > 0.9).all()
-    signs = np.einsum("la,la->l", own, found.normals) > 0
-    for piece in (found.points[:, 0] > 2.5, found.points[:, 0] < 2.5):
-        assert signs[piece].all() or not signs[piece].any()
-
-
 def test_hardly_any_points_are_no_surface():
     line = Shape.from_arrays(np.linspace(0.0, 1.0, 50)[:, None] * [[1.0, 2.0, 3.0]], name="line")
     assert surface_cells(sphere(), 3.0) is None

@@ -10,16 +10,6 @@ from data_tools.surface.shape import Shape
 SMALL = SamplingOptions(max_faces=1000)
 
 
-def test_decimation_keeps_the_surface_and_maps_to_near_vertices(rng):
-    shape = blob(rng, num_vertices=3000)
-    surface = WorkingSurface(shape, SMALL)
-    assert len(surface.shape.faces) <= 1000
-    assert abs(surface.area / shape.area - 1) < 0.02
-    gap = np.linalg.norm(shape.vertices[surface.to_original] - surface.shape.vertices, axis=1)
-    assert gap.max() < 0.1
-    assert surface.notes[0].code == "decimated"
-
-
 def test_clouds_are_thinned(rng, monkeypatch):
     monkeypatch.setattr(working_surface, "MOST_CLOUD_POINTS", 1000)
     cloud = Shape.from_arrays(blob(rng, num_vertices=3000).vertices)
@@ -76,16 +66,3 @@ def test_a_copy_from_which_a_part_has_come_off_is_made_finer(monkeypatch):
     surface = WorkingSurface(shape, SMALL)
     assert asked == [asked[0], 2 * asked[0]]
     assert len(surface.shape.faces) == len(shape.faces)
-
-
-def test_all_components_of_an_assembled_shape_are_decimated(rng):
-    ball, other = blob(rng, num_vertices=3000), blob(rng, num_vertices=300)
-    vertices = np.concatenate([ball.vertices, 0.3 * other.vertices + 4.0])
-    both = Shape.from_arrays(
-        vertices, np.concatenate([ball.faces, other.faces + len(ball.vertices)])
-    )
-    surface = WorkingSurface(both, SMALL)
-    assert len(surface.shape.faces) < len(both.faces)
-    assert surface.shape.vertices.max() > 3.0
-    assert not surface.is_connected
-    assert WorkingSurface(ball, SMALL).is_connected

@@ -7,7 +7,6 @@ from data_tools.io.text_tables import (
     axis_columns,
     csv_text,
     parse_table,
-    plain_cell,
     read_table,
 )
 
@@ -72,12 +71,6 @@ def test_no_text_begins_like_a_formula_and_numbers_stay_numbers():
         if cell[:1] in {*"=+-@\t\uff1d\uff0b\uff0d\uff20"} and cell != "-1.5"
     ]
     assert rows[-1][0] == "-1.5"
-
-
-def test_names_come_back_as_they_were():
-    assert [plain_cell(cell) for (cell,) in read(csv_text([[name] for name in NAMES if name]))] == [
-        *filter(None, NAMES)
-    ]
 
 
 def test_unknown_numbers_are_empty():

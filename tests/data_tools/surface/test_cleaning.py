@@ -179,21 +179,6 @@ def test_nothing_is_shared_where_all_files_hold_several_pieces_or_their_largest_
     assert shared_object([alone]) == (), "one mesh among clouds"
 
 
-def test_a_piece_that_is_as_unlike_others_as_they_are_alike_is_no_shared_object():
-    kinds = [blob(np.random.default_rng(seed), num_vertices=400) for seed in (5, 6)]
-    alone = [
-        piece_signatures(body)
-        for n, kind in enumerate(kinds)
-        for body in deformed_family(kind, 3, np.random.default_rng(n), rms=0.01)
-    ]
-    ball, faces = sphere_mesh(400)
-    egg = ball * [1.0, 1.0, 1.6] + [0.0, 6.0, 0.0]
-    beside = piece_signatures(bar_beside(Shape.from_arrays(egg, faces)))
-    assert len(beside) == 2
-    assert shared_object([beside, *alone]) == ()
-    assert shared_object([piece_signatures(bar_beside(kinds[0])), *alone]) != ()
-
-
 def test_what_the_object_looks_like_is_sixteen_numbers():
     with pytest.raises(OptionsError, match="like: expected 16 numbers, or none, got 3"):
         CleaningOptions(like=(1.0, 2.0, 3.0))

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.rotations import random_rotation
 from data_tools.surface.joined import NUM_CELLS, _points_on, joined_surface
 from data_tools.surface.shape import Shape, orientation_defects
@@ -57,13 +56,3 @@ def test_boxes_that_touch_become_one_closed_surface(seed):
 def test_gaps_of_a_cell_are_closed_and_wide_ones_stay(gap, num):
     cell = cell_of(boxes((1, (0, 0, 0)), (1, (1.05, 0, 0))))
     assert num_components(joined_surface(boxes((1, (0, 0, 0)), (1, (1 + gap * cell, 0, 0))))) == num
-
-
-def test_points_on_triangles_are_a_step_apart(rng):
-    ball, faces = sphere_mesh(40)
-    corners = (ball * [1.0, 0.02, 3.0])[faces]
-    points = _points_on(corners, 0.05)
-    weights = rng.dirichlet([1.0, 1.0, 1.0], size=(len(corners), 20))
-    inside = np.einsum("fnc,fcd->fnd", weights, corners).reshape(-1, 3)
-    assert cKDTree(points).query(inside)[0].max() <= 0.05
-    assert cKDTree(inside).query(points)[0].max() < 1.0

@@ -7,7 +7,6 @@ from data_tools.surface.laplacian import (
     cotangent_laplacian,
     spectrum,
     surface_operators,
-    vertex_areas,
 )
 from data_tools.surface.shape import Shape
 
@@ -80,15 +79,6 @@ def test_poor_surfaces_are_refused_by_name():
     stray = Shape.from_arrays(np.concatenate([vertices, [[9.0, 9, 9]]]), faces, name="stray")
     with pytest.raises(InputError, match="stray: its cotangent Laplacian is not finite"):
         surface_operators(stray)
-
-
-def test_vertex_areas_of_cloud_and_mesh_agree(sphere):
-    cloud = Shape.from_arrays(sphere.vertices)
-    assert vertex_areas(cloud).sum() == pytest.approx(4 * np.pi, rel=0.1)
-    assert vertex_areas(sphere).sum() == pytest.approx(sphere.area)
-    np.testing.assert_allclose(
-        vertex_areas(Shape.from_arrays(np.eye(3))), np.pi, err_msg="fewer than the neighbours"
-    )
 
 
 def test_points_on_a_line_have_no_laplacian_and_that_is_said_in_words():

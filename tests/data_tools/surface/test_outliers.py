@@ -78,15 +78,6 @@ def test_strays_of_a_small_cloud_stay_unless_they_are_asked_for(rng):
     assert set(range(300)) == {*kept.tolist()}
 
 
-@pytest.mark.parametrize(("num_points", "num_strays"), [(1500, 150), (40_000, 4_000)])
-def test_many_strays_that_are_near_each_other_are_left_out(num_points, num_strays, rng):
-    points = blob(rng, num_vertices=num_points).vertices
-    strays = rng.uniform(-2.0, 2.0, size=(num_strays, 3))
-    kept = without_outliers(Shape.from_arrays(np.concatenate([points, strays]))).source_indices
-    assert (kept < num_points).sum() >= 0.997 * num_points
-    assert (kept >= num_points).sum() <= 0.2 * num_strays
-
-
 def test_long_shapes_tips_and_small_sets_stay(rng):
     vertices, faces = sphere_mesh(500)
     line = Shape.from_arrays(vertices * [30.0, 1.0, 0.5], faces)

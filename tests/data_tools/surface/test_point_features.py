@@ -3,7 +3,6 @@
 import numpy as np
 
 from data_tools.local_surface import NUM_BINS
-from data_tools.rotations import random_rotation
 from data_tools.surface.point_features import fast_point_features
 from tests.neighbourhoods import bumpy
 
@@ -39,14 +38,3 @@ def test_histograms_are_the_published_ones():
     np.testing.assert_allclose(found, plain_histograms(points, normals, 0.7), atol=1e-12)
     np.testing.assert_allclose(found.sum(axis=1), 1.0)
     assert np.abs(found - plain_histograms(points, normals, 0.6)).max() > 0.01
-
-
-def test_poses_leave_histograms_and_units_of_length_too():
-    points, normals = bumpy()
-    turn = random_rotation(np.random.default_rng(5))
-    found = fast_point_features(points, normals, 0.7, NUM_BINS)
-    moved = fast_point_features(
-        7.0 * points @ turn.T + [1.0, 2.0, 3.0], normals @ turn.T, 4.9, NUM_BINS
-    )
-    np.testing.assert_allclose(moved, found, atol=1e-9)
-    assert np.abs(fast_point_features(points, -normals, 0.7, NUM_BINS) - found).max() > 0.01

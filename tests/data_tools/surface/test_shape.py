@@ -8,12 +8,6 @@ from data_tools.errors import InputError
 from data_tools.surface.shape import Shape, orientation_defects, outward_normals
 
 
-def test_measures_of_the_sphere():
-    sphere = Shape.from_arrays(*sphere_mesh(3000), name="sphere")
-    assert sphere.is_mesh
-    assert sphere.area == pytest.approx(4 * np.pi, rel=0.01)
-
-
 def test_clouds_have_no_area():
     cloud = Shape.from_arrays(np.eye(3))
     assert not cloud.is_mesh

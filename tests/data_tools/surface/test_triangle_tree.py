@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.surface.triangle_tree import (
     closest_on_triangle,
     closest_on_triangles,
@@ -52,19 +51,6 @@ def test_triangles_without_area_are_their_edges():
     needle = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]])
     weights = np.array(closest_on_triangle(np.array([0.5, 1.0, 0.0]), needle))
     np.testing.assert_allclose(weights @ needle, [0.5, 0, 0], atol=1e-12)
-
-
-def test_every_triangle_is_in_one_box_and_every_box_holds_its_triangles():
-    vertices, faces = sphere_mesh(300)
-    tree = triangle_tree(vertices, faces)
-    assert sorted(tree.order.tolist()) == list(range(len(faces)))
-    np.testing.assert_array_equal(tree.corners, vertices[faces[tree.order]])
-    leaves = [tuple(span) for span, half in zip(tree.spans, tree.halves, strict=True) if not half]
-    assert sorted(at for span in leaves for at in range(*span)) == list(range(len(faces)))
-    for (first, end), low, high in zip(tree.spans, tree.low, tree.high, strict=True):
-        inside = tree.corners[first:end]
-        assert (low <= inside).all()
-        assert (inside <= high).all()
 
 
 def test_the_tree_finds_the_nearest_of_all_triangles_and_of_equals_the_first():

@@ -40,45 +40,6 @@ def text_of(rows):
     return "".join(" ".join(map(str, row)) + "\n" for row in rows).encode()
 
 
-def paired(mesh):
-    """Return polygons: the mesh with its first pairs of neighbouring triangles as quads, in their places."""
-    polygons, used = [], set()
-    for at, face in enumerate(mesh.faces.tolist()):
-        for other in range(at + 1, len(mesh.faces)) if at not in used and at < 40 else ():
-            shared = set(face) & set(mesh.faces[other].tolist())
-            if len(shared) == 2 and other not in used:
-                (own,) = set(face) - shared
-                (far,) = set(mesh.faces[other].tolist()) - shared
-                turned = face[face.index(own) :] + face[: face.index(own)]
-                polygons.append([own, turned[1], far, turned[2]])
-                used |= {at, other}
-                break
-        if at not in used:
-            polygons.append(face)
-            used.add(at)
-    return polygons
-
-
-@pytest.mark.parametrize("order", ["<", ">", ""])
-@pytest.mark.parametrize(
-    ("word", "code"), [("uchar", "B"), ("int", "i"), ("uint", "I"), ("ushort", "H")]
-)
-def test_triangles_and_quads_are_mixed(mesh, order, word, code):
-    polygons = paired(mesh)
-    assert {len(polygon) for polygon in polygons} == {3, 4}
-    corners = f"property list {word} uint vertex_index\n"
-    elements = [("vertex", 60, XYZ), ("face", len(polygons), corners)]
-    if order:
-        body = mesh.vertices.astype(order + "f4").tobytes()
-        body += b"".join(struct.pack(f"{order}{code}{len(p)}I", len(p), *p) for p in polygons)
-    else:
-        body = text_of(mesh.vertices) + text_of([len(p), *p] for p in polygons)
-    found = read(ply(ORDERS.get(order, "ascii"), elements, body))
-    assert len(found.faces) == len(mesh.faces)
-    volume = np.linalg.det(mesh.vertices[mesh.faces]).sum()
-    np.testing.assert_allclose(np.linalg.det(found.vertices[found.faces]).sum(), volume, rtol=0.2)
-
-
 @pytest.mark.parametrize("order", ["<", ""])
 @pytest.mark.parametrize(("kind", "again"), [("int", -1), ("uint", 2**32 - 1)])
 def test_triangle_strips_are_surfaces(mesh, order, kind, again):

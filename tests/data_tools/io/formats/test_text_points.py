@@ -84,27 +84,6 @@ def test_npz_holds_meshes_and_clouds(tmp_path, rng):
 
 
 @pytest.mark.parametrize(
-    ("arrays", "reason"),
-    [
-        ({"other": np.zeros((3, 3))}, "none of the arrays"),
-        ({"vertices": np.zeros((3, 2))}, "shape"),
-        ({"vertices": np.zeros((0, 3))}, "no points"),
-        ({"vertices": np.full((3, 3), np.nan)}, "NaN"),
-        ({"vertices": np.eye(3), "faces": np.array([[0, 1, 99]])}, r"expected them in \[0, 3\)"),
-        ({"vertices": np.eye(3), "faces": np.array([[0.0, 1.0, 2.0]])}, "integer"),
-        ({"vertices": np.array(["a", "b"])}, "real numbers"),
-        ({"vertices": np.array([{"a": 1}], dtype=object)}, "pickle|not a readable"),
-    ],
-)
-def test_npz_arrays_are_checked(tmp_path, arrays, reason):
-    path = tmp_path / "a.npz"
-    np.savez(path, **arrays)
-    with pytest.raises(InputError, match=reason) as caught:
-        read_shape(path)
-    assert str(path) in str(caught.value)
-
-
-@pytest.mark.parametrize(
     "text",
     [
         "x;y;z\n-1;2.42;.5\n3.25;0;-7.75\n",
