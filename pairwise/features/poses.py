@@ -60,10 +60,17 @@ def match_features(distances: NDArray[np.float32]) -> tuple[IntArray, IntArray]:
     distances : ndarray, shape (l, m)
         As :func:`feature_distances` returns them.
     """
-    num_source = distances.shape[1]
-    there = [rows * num_source + columns for rows, columns in _nearest(distances)]
-    back = [rows * num_source + columns for columns, rows in _nearest(distances.T)]
-    to, of = np.divmod(np.unique(np.concatenate([*there, *back])), num_source)
+    from pairwise.features.votes import least_both_ways
+
+    num_target, num_source = distances.shape
+    there, back = least_both_ways(
+        distances, min(NUM_NEAREST, num_source), min(NUM_NEAREST, num_target)
+    )
+    found = (
+        np.arange(num_target)[:, None] * num_source + there,
+        back * num_source + np.arange(num_source)[:, None],
+    )
+    to, of = np.divmod(np.unique(np.concatenate(found, axis=None)), num_source)
     if len(to) > MOST_MATCHES:
         usual = np.minimum(distances.mean(axis=1)[to], distances.mean(axis=0)[of])
         kept = np.sort(np.argsort(distances[to, of] / usual, kind="stable")[:MOST_MATCHES])
@@ -228,17 +235,6 @@ def poses_apart(
         if len(kept) == num:
             break
     return kept
-
-
-def _nearest(distances: NDArray[np.float32]) -> list[tuple[IntArray, IntArray]]:
-    """Return each row with the columns of its least entries, the least one first."""
-    left, rows = np.array(distances, order="C"), np.arange(len(distances))
-    found = []
-    for _ in range(min(NUM_NEAREST, distances.shape[1])):
-        columns = left.argmin(axis=1)
-        found.append((rows, columns))
-        left[rows, columns] = np.inf
-    return found
 
 
 def _compatible(

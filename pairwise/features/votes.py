@@ -1,12 +1,14 @@
-"""Votes of pairs of points that look alike, counted one by one, and what has most of them.
+"""Votes of pairs of points that look alike, counted one by one, and what has most of them, or lies nearest.
 
-Compiled by Numba. NumPy's arrays of all alike pairs have millions of numbers each, and it sorts all votes.
+Compiled by Numba. NumPy's arrays of all alike pairs have millions of numbers each, it sorts all votes, and it copies
+all distances once for either way.
 """
 
 from __future__ import annotations
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
 from data_tools.arrays import FloatArray, IntArray
 
@@ -53,14 +55,41 @@ def most_voted(votes: FloatArray, num: int) -> IntArray:
     """Return where each row (n, m) has the most votes, shape (n, num), the most first; of equal ones the first."""
     found = np.zeros((len(votes), num), dtype=np.int64)
     for row in range(len(votes)):
-        most = np.full(num, -np.inf)
+        least = np.full(num, np.inf)
         for column in range(votes.shape[1]):
-            vote = votes[row, column]
-            if vote <= most[num - 1]:
-                continue
-            at = num - 1
-            while at > 0 and vote > most[at - 1]:
-                most[at], found[row, at] = most[at - 1], found[row, at - 1]
-                at -= 1
-            most[at], found[row, at] = vote, column
+            if -votes[row, column] < least[-1]:
+                _insert(-votes[row, column], column, least, found[row])
     return found
+
+
+@numba.njit(cache=True)
+def least_both_ways(
+    values: NDArray[np.float32], of_row: int, of_column: int
+) -> tuple[IntArray, IntArray]:
+    """Return where each row (n, m) has its least entries, (n, of_row), and each column, (m, of_column).
+
+    The least one first; of equal ones the first. All are read once, as they lie in memory.
+    """
+    num_rows, num_columns = values.shape
+    columns = np.zeros((num_rows, of_row), dtype=np.int64)
+    rows = np.zeros((num_columns, of_column), dtype=np.int64)
+    least_of_columns = np.full((num_columns, of_column), np.inf)
+    for row in range(num_rows):
+        least = np.full(of_row, np.inf)
+        for column in range(num_columns):
+            value = values[row, column]
+            if value < least[-1]:
+                _insert(value, column, least, columns[row])
+            if value < least_of_columns[column, -1]:
+                _insert(value, row, least_of_columns[column], rows[column])
+    return columns, rows
+
+
+@numba.njit(cache=True)
+def _insert(value: float, place: int, least: FloatArray, places: IntArray) -> None:
+    """Insert a value below the last of the least ones (k,) where it belongs, and its place among theirs."""
+    at = len(least) - 1
+    while at > 0 and value < least[at - 1]:
+        least[at], places[at] = least[at - 1], places[at - 1]
+        at -= 1
+    least[at], places[at] = value, place
