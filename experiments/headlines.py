@@ -124,11 +124,11 @@ HEADLINES = (
     ),
     Headline(
         "maps from people to armadillos: {:.2f}",
-        "goal: 0.15",
-        "maps",
-        "maps",
-        {"set": "human and armadillo", "method": "collalign", "pairs": "6"},
-        "direct",
+        "goal: 0.12",
+        "bodies",
+        "bodies",
+        {"set": "human and armadillo"},
+        "mean",
     ),
     Headline(
         "generated views of objects, 48 degrees apart: {} pairs within 16 degrees",
