@@ -60,6 +60,13 @@ def test_axes_scores_and_shares_are_what_they_say():
     assert found.axes[1][4, 0] > 0.7
 
 
+def test_p_is_as_often_small_as_it_says_where_there_is_nothing():
+    rng = np.random.default_rng(3)
+    p = np.array([two_block_pls(*together(rng, 12, 0.0), permutations=99).p for _ in range(100)])
+    assert 0.4 < p.mean() < 0.6
+    assert np.mean(p <= 0.05) < 0.12
+
+
 def test_what_cannot_go_together_is_refused():
     first, second = together(np.random.default_rng(5))
     with pytest.raises(InputError, match="got 40 and 39"):

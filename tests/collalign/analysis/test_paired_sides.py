@@ -63,6 +63,36 @@ def test_sums_of_squares_f_and_asymmetries_are_those_of_r():
         check_expected({name: value * (1 + 1e-7) for name, value in unequal.items()})
 
 
+def test_p_is_as_often_small_as_it_says_where_there_is_nothing():
+    rng = np.random.default_rng(5)
+    for individual, fluctuating, effects in (
+        (0.1, 0.05, ["side"]),
+        (0.0, 0.0, ["individual", "side", "individual:side"]),
+        (0.0, 0.05, ["individual"]),
+    ):
+        found = [
+            by_effect(
+                paired_sides(
+                    *family(
+                        rng,
+                        num=6,
+                        individual=individual,
+                        fluctuating=fluctuating,
+                        error=0.02,
+                        repeats=2,
+                    ),
+                    mirrored="L",
+                    permutations=99,
+                ).anova
+            )
+            for _ in range(50)
+        ]
+        for effect in effects:
+            p = np.array([rows[effect].p for rows in found])
+            assert 0.3 < p.mean() < 0.7, effect
+            assert np.mean(p <= 0.05) < 0.16, effect
+
+
 def test_who_lacks_a_side_does_not_count():
     shapes, individuals, sides = family(np.random.default_rng(6), num=6)
     whole = paired_sides(shapes[2:], individuals[2:], sides[2:], mirrored="L", permutations=99)

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from scipy.spatial import procrustes
+from scipy.spatial.transform import Rotation
 
 from collalign.analysis.procrustes import (
     common_labels,
@@ -9,6 +10,36 @@ from collalign.analysis.procrustes import (
     procrustes_distances,
 )
 from data_tools.errors import InputError
+
+
+def moved(shapes, rng):
+    """The same shapes in other places, poses and sizes."""
+    num = len(shapes)
+    R = Rotation.random(num, random_state=int(rng.integers(2**31))).as_matrix()
+    return rng.uniform(0.1, 10, (num, 1, 1)) * (
+        shapes @ np.swapaxes(R, 1, 2)
+    ) + rng.standard_normal((num, 1, 3))
+
+
+def test_superimposition_undoes_similarities(rng):
+    shape = rng.standard_normal((12, 3))
+    found = generalized_procrustes(moved(np.tile(shape, (6, 1, 1)), rng))
+    np.testing.assert_allclose(found, np.tile(found[0], (6, 1, 1)), atol=1e-9)
+    assert np.linalg.norm(found[0]) == pytest.approx(1)
+
+
+def test_components_of_a_planted_family(rng):
+    base, axis = rng.standard_normal((2, 10, 3))
+    axis /= np.linalg.norm(axis)
+    scores = rng.standard_normal(30)
+    found = principal_components(base + scores[:, None, None] * axis)
+    assert found.shares[0] == pytest.approx(1)
+    assert abs(float((found.axes[0] * axis).sum())) == pytest.approx(1)
+    assert found.variances[0] == pytest.approx(scores.var(ddof=1))
+    np.testing.assert_allclose(found.mean, base + scores.mean() * axis, atol=1e-12)
+    np.testing.assert_allclose(
+        found.shape_at(0, 2) - found.shape_at(0, -2), 4 * scores.std(ddof=1) * found.axes[0]
+    )
 
 
 def test_scores_and_axes_give_the_shapes_back(rng):

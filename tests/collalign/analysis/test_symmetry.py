@@ -32,6 +32,10 @@ def family(rng, *, num=12, directional=0.0, fluctuating=0.01):
     return np.array(shapes)
 
 
+def row(found, effect):
+    return next(one.sum_of_squares for one in found.anova if one.effect == effect)
+
+
 def test_components_are_symmetric_antisymmetric_orthogonal_and_whole():
     shapes = family(np.random.default_rng(0), directional=0.02)
     found = object_symmetry(shapes, PARTNER)
@@ -43,6 +47,12 @@ def test_components_are_symmetric_antisymmetric_orthogonal_and_whole():
     whole = found.symmetric + found.asymmetric
     np.testing.assert_allclose(np.linalg.norm(whole, axis=(1, 2)), 1)
     np.testing.assert_allclose(mirror_image(found.mean, PARTNER), found.mean, atol=1e-12)
+
+
+def test_symmetric_shapes_have_no_asymmetry():
+    found = object_symmetry(family(np.random.default_rng(1), fluctuating=0.0), PARTNER)
+    assert found.asymmetry.max() < 1e-6
+    assert row(found, "individual") > 0
 
 
 def test_replicates_tell_fluctuating_asymmetry_from_measurement_error():

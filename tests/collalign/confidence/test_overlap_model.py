@@ -7,6 +7,7 @@ import pytest
 
 from collalign.confidence.overlap_model import (
     HARMLESS,
+    MOST_CERTAIN,
     chances_of,
     conflict_log_odds,
     on_whole_log_odds,
@@ -34,6 +35,17 @@ def overlap_chances(poses):
     return chances_of(overlap_log_odds(poses))
 
 
+@pytest.mark.parametrize(
+    "shares", [[(0.5, 0.1)], [(0.5, 0.1), (0.6, 0.05), (0.0, 0.0)], [(0.0, 0.0)] * 6]
+)
+def test_chances_with_none_sum_to_one(shares):
+    poses = poses_of(*shares)
+    chances, odds = overlap_chances(poses), overlap_log_odds(poses)
+    none = 1.0 / (1.0 + np.exp(odds).sum())
+    assert chances.sum() + none == pytest.approx(1.0)
+    assert (chances > 0).all()
+
+
 def test_more_overlap_and_more_matches_make_a_pose_more_probable():
     low, middle, high = (overlap_chances(poses_of((share, share)))[0] for share in (0.1, 0.3, 0.6))
     assert low < 0.2 < middle < high
@@ -43,6 +55,14 @@ def test_more_overlap_and_more_matches_make_a_pose_more_probable():
         overlap_chances(poses_of(*given))[0] for given in ([(0.6, 0.1)], [(0.6, 0.1)] * 2)
     )
     assert with_rival < 0.6 * alone + 0.1
+
+
+def test_a_part_all_of_which_lies_on_a_whole_is_sure():
+    part, views = poses_of((1.0, 0.05)), poses_of((0.5, 0.05))
+    part.overlaps[:, 0] = 0.3
+    assert overlap_chances(part)[0] > 0.7
+    assert overlap_chances(views)[0] < 0.3
+    assert overlap_chances(poses_of((1.0, 0.0)))[0] < 0.9, "matches must agree as well"
 
 
 def test_what_lies_in_front_of_what_was_seen_contradicts_a_pose():
@@ -94,6 +114,11 @@ def test_in_a_scene_either_camera_contradicts_and_one_place_is_enough():
     odds = conflict_log_odds(np.array([[0.05, 0.0], [0.05, 0.05]]), np.full((2, 2), np.nan))
     assert 0.0 < odds[0] == pytest.approx(0.5 * odds[1])
     assert not conflict_log_odds(np.full((1, 2), 0.5 * HARMLESS), np.full((1, 2), np.nan)).any()
+
+
+def test_no_pose_is_certain_and_no_poses_have_no_chances():
+    assert overlap_chances(poses_of((1.0, 1.0)))[0] <= MOST_CERTAIN
+    assert overlap_chances(poses_of()).shape == (0,)
 
 
 def test_poses_on_a_whole_are_judged_by_what_lies_on_it_what_hides_it_and_how_much_it_covers():

@@ -260,6 +260,30 @@ def test_samples_that_are_not_those_of_the_result_are_refused(folder, certified)
         verify_result(folder)
 
 
+@pytest.mark.parametrize(
+    ("file", "content", "message"),
+    [
+        ("alignment.json", "{", "cannot be read as a result"),
+        (
+            "alignment.json",
+            '{"shapes": [], "decided": {"group": "SO"}}',
+            "cannot be read as a result",
+        ),
+        ("pairs.csv", "target,source\na,b\n", "cannot be read as a table"),
+        ("certificates/problems.npz", "PK", "not an NPZ archive"),
+    ],
+)
+def test_damaged_folders_are_named(folder, file, content, message):
+    (folder / file).write_text(content)
+    with pytest.raises(InputError, match=message):
+        verify_result(folder)
+
+
+def test_a_damaged_certificate_is_a_fault_of_its_pair(folder):
+    (folder / "certificates" / "0-2.npz").write_bytes(b"PK")
+    assert "not an NPZ archive" in verify_result(folder).pairs[0].fault
+
+
 def test_a_folder_without_certificates_says_how_to_make_them(tmp_path):
     with pytest.raises(InputError, match="--certify"):
         verify_result(tmp_path)

@@ -171,6 +171,20 @@ def test_the_cost_is_zero_on_itself_and_sees_normals(rng):
     assert surface_gap((points, normals), (points @ turn, normals @ turn), turn[None]) < 1e-12
 
 
+def test_evidence_for_a_pose_never_lowers_its_probability():
+    middle = np.array([0.5, 0.2, 0.6, 0.4, 0.0, 0.2, 0.4, 0.0, 20.0, 1.0])
+    for at, kind in enumerate(KINDS):
+        if "mis" in kind or kind in ("cycles", "block margin"):
+            continue  # what only limits
+        step = 0.2 * np.eye(len(KINDS))[at]
+        assert probability((middle - step)[None]) < probability((middle + step)[None])
+    assert np.isnan(probability(np.full((1, len(KINDS)), np.nan))).all()
+    assert (
+        probability(np.array([[1.0, 9.0, 1.0, 9.0, -1.0, 9.0, 0.1, 0.0, 20.0, 9.0]]))
+        == MOST_CONFIDENT
+    )
+
+
 #: No misfit, and nothing known of neighbourhoods.
 REST = (0.0, np.nan, np.nan, np.nan, 20.0, 1.0)
 
@@ -473,6 +487,16 @@ def test_pairs_that_choose_between_two_poses_at_random_are_rarely_taken_to_know_
     same = rng.random((100, num_pairs)) < 0.5
     odds = [cycle_log_odds(num, num_pairs, best_of_two_poses(one, num)) for one in same]
     assert np.mean(np.array(odds) > 2.0) < 0.1
+
+
+def test_two_or_three_shapes_never_know_and_many_that_agree_do():
+    assert cycle_log_odds(1, 0, 0) == pytest.approx(0.0)
+    assert cycle_log_odds(2, 1, 0) < cycle_log_odds(3, 3, 0) < 0.0
+    agreeing = [cycle_log_odds(num, num * (num - 1) // 2, 0) for num in range(3, 9)]
+    assert (np.diff(agreeing) > 0.5).all()
+    contradicted = [cycle_log_odds(6, 15, num) for num in range(6)]
+    assert (np.diff(contradicted) < -0.5).all()
+    assert contradicted[0] > 4.0 > -3.0 > contradicted[-1]
 
 
 def test_contradictions_that_scatter_say_less_against_pairs_than_those_that_agree():

@@ -49,6 +49,19 @@ def test_exact_pairs_are_recovered_on_every_connected_graph(name, method):
     assert np.allclose(found.rotations[0], np.eye(3), atol=1e-12)
 
 
+@pytest.mark.parametrize(("dim", "group"), [(2, "SO"), (2, "O"), (3, "O"), (5, "SO"), (5, "O")])
+@pytest.mark.parametrize("method", METHODS)
+def test_other_groups_are_recovered(dim, group, method):
+    rng = np.random.default_rng(dim)
+    edges = regular_edges(14, 5, 0)
+    truth = random_rotations(rng, 14, dim, group=group)
+    found = synchronize(edges, exact_pairs(truth, edges), group=group, method=method)
+    assert np.abs(exact_pairs(found.rotations, edges) - exact_pairs(truth, edges)).max() < 1e-8
+    assert np.array_equal(
+        np.linalg.det(found.rotations) < 0, np.linalg.det(truth) * np.linalg.det(truth[0]) < 0
+    )
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_mixed_blocks_are_synchronized_apart(method):
     rng = np.random.default_rng(0)

@@ -3,7 +3,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from data_tools.datasets.synthetic import point_cloud, shuffled
+from data_tools.datasets.synthetic import mirrored, point_cloud, shuffled
 from data_tools.datasets.synthetic_shapes import blob, crown, sphere_mesh
 from data_tools.embedding.embedding import Samples, sample_file, sample_shape
 from data_tools.embedding.working_surface import WorkingSurface
@@ -93,6 +93,13 @@ def test_pose_scale_and_vertex_order_only_turn_the_positions(shape, rng):
     np.testing.assert_allclose(b.dense_positions, a.dense_positions @ rotation.T, atol=1e-9)
 
 
+def test_mirror_images_have_mirrored_samples(shape):
+    a, b = sample_shape(shape, FEW, ALL), sample_shape(mirrored(shape), FEW, ALL)
+    np.testing.assert_array_equal(a.vertex_indices, b.vertex_indices)
+    np.testing.assert_allclose(b.positions, a.positions * [-1, 1, 1], atol=1e-12)
+    np.testing.assert_allclose(b.invariants, a.invariants, atol=1e-6)
+
+
 def test_auto_samples_closed_surfaces_along_and_open_ones_through_space(shape):
     def indices(s, metric):
         options = SamplingOptions(num_points=24, num_dense_points=0, metric=metric)
@@ -101,6 +108,20 @@ def test_auto_samples_closed_surfaces_along_and_open_ones_through_space(shape):
     opened = crown(num_vertices=600)
     assert indices(shape, "auto") == indices(shape, "geodesic") != indices(shape, "euclidean")
     assert indices(opened, "auto") == indices(opened, "euclidean") != indices(opened, "geodesic")
+
+
+def test_large_meshes_are_decimated_but_samples_are_their_own_vertices():
+    shape = blob(np.random.default_rng(0), num_vertices=3000, name="large")
+    options = SamplingOptions(num_points=24, num_dense_points=60, max_faces=1500)
+    samples = sample_shape(shape, options, ALL)
+    assert (samples.notes[-1].code, samples.notes[-1].values["before"]) == ("decimated", 5996)
+    full = sample_shape(shape, FEW, ALL)
+    np.testing.assert_allclose(samples.scale, full.scale, rtol=0.03)
+    np.testing.assert_allclose(
+        samples.positions * samples.scale + samples.offset,
+        shape.vertices[samples.vertex_indices],
+        atol=1e-12,
+    )
 
 
 def test_samples_whose_nearest_vertex_is_one_get_two_near_each_other():
