@@ -89,7 +89,8 @@ goes on, and comments and docstrings change nothing.
   neither right nor wrong.
 * *Stated*: shapes at {SURE} or more; *wrong*: how many of these are wrong.
 * *Right at {USABLE}*: the share of all right shapes that are stated at {USABLE} or more.
-* *CPU*: of both draws, of one process, from the files to the result.
+* *CPU*: of both draws, of one process, from the files to the result. Machines of the same name differ by a factor
+  of two, so the columns compare only where one machine measured both.
 
 Sets: {OF_CLASS} of each class of SHREC07 and CAPOD, {OF_SET} teeth, {OF_CLASS} skulls and bodies, the bunny's ten
 scans, fifteen generated views each of a horse and a piano, {NUM_FRAMES} depth images each of a generated room and
