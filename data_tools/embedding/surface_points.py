@@ -7,7 +7,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
-from data_tools.arrays import BoolArray, FloatArray, extremes, read_only, sums_by_owner
+from data_tools.arrays import BoolArray, FloatArray, IntArray, extremes, read_only, sums_by_owner
 from data_tools.embedding.sampling import farthest_points
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.local_surface import (
@@ -82,9 +82,12 @@ def surface_cells(shape: Shape, cell: float, *, of_scene: bool = False) -> Local
         points, normals = spread, triangles
     else:
         points, _ = _cell_means(spread, None, 0.5 * cell)
-        if len(points) < NORMAL_NEIGHBOURS or _reach(points) > radius_cells * cell:
+        if len(points) < NORMAL_NEIGHBOURS:
             return None
-        planes = plane_normals(points, points)
+        far, near = _plane_neighbours(points, points)
+        if np.median(far[:, -1]) > radius_cells * cell:
+            return None
+        planes = _normals_of_planes(points[near])
         if has_side:
             nearest = cKDTree(points).query(spread)[1]
             towards = sums_by_owner(triangles, nearest, len(points))
@@ -106,12 +109,6 @@ def surface_cells(shape: Shape, cell: float, *, of_scene: bool = False) -> Local
         places=place_of_sight(shape.vertices) if of_scene else (),
         radius_cells=radius_cells,
     )
-
-
-def _reach(points: FloatArray) -> float:
-    """Return how far the neighbours are that a plane is fitted to, the median over all points (n, 3)."""
-    far, _ = cKDTree(points).query(points, k=[NORMAL_NEIGHBOURS])
-    return float(np.median(far))
 
 
 def centre_and_radius(shape: Shape) -> tuple[FloatArray, float]:
@@ -246,8 +243,18 @@ def cloud_rim(points: FloatArray, normals: FloatArray) -> BoolArray:
 
 def plane_normals(cloud: FloatArray, places: FloatArray) -> FloatArray:
     """Return unit normals (q, 3), of either sign, of the planes through a cloud around each place (q, 3)."""
-    near = cloud[cKDTree(cloud).query(places, k=min(NORMAL_NEIGHBOURS, len(cloud)))[1]]
-    moments = near - near.mean(axis=1, keepdims=True)
+    return _normals_of_planes(cloud[_plane_neighbours(cloud, places)[1]])
+
+
+def _plane_neighbours(cloud: FloatArray, places: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Return distance and index, (q, k) each, of the points that a plane around each place is fitted to."""
+    far, near = cKDTree(cloud).query(places, k=min(NORMAL_NEIGHBOURS, len(cloud)))
+    return far, near
+
+
+def _normals_of_planes(points: FloatArray) -> FloatArray:
+    """Return unit normals (q, 3), of either sign, of the planes through points (q, k, 3)."""
+    moments = points - points.mean(axis=1, keepdims=True)
     return np.asarray(np.linalg.eigh(np.swapaxes(moments, 1, 2) @ moments)[1][:, :, 0])
 
 

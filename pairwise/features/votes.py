@@ -57,8 +57,9 @@ def most_voted(votes: FloatArray, num: int) -> IntArray:
     for row in range(len(votes)):
         least = np.full(num, np.inf)
         for column in range(votes.shape[1]):
-            if -votes[row, column] < least[-1]:
-                _insert(-votes[row, column], column, least, found[row])
+            value = -votes[row, column]
+            if value < least[-1]:
+                _insert(value, column, least, found[row])
     return found
 
 
