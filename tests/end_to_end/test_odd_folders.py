@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from collalign import RunOptions, align_collection, load
+from collalign.confidence.pose_model import MOST_CONFIDENT
 from collalign.stages.match_pairs import match_pairs
 from data_tools.datasets.synthetic import write_collection
 from data_tools.io.shapes import write_mesh
@@ -40,7 +41,7 @@ def test_copies_of_one_shape_are_sure_and_copies_of_a_box_fit_in_four_poses(rng)
     assert (copies.confidence > 0.9).all()
     assert "symmetric" not in codes(copies.notes)
     boxes = align_collection([corners] * 6, options=options, run=RunOptions(jobs=1))
-    assert np.allclose(boxes.confidence, 0.25, atol=0.002)
+    assert (boxes.confidence == MOST_CONFIDENT / 4).all()
     assert only(boxes.notes, "symmetric").values["num"] == 6
 
 
