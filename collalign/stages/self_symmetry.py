@@ -1,6 +1,7 @@
 """Poses in which a shape looks like itself: turns, and mirror images.
 
-Every second dense point of a surface is compared with the others, so that no point finds itself.
+Every second dense point of a surface is compared with the others, so that no point finds itself. Of a table all
+points are compared: at a turn of more than some degrees none is where it was.
 """
 
 from __future__ import annotations
