@@ -199,8 +199,27 @@ def symmetric_confidence(trust: Trust) -> FloatArray:
     return probability(trust.up_to_symmetry)
 
 
+def noise_of_excess(num_points: int, num_partners: int) -> float:
+    """Return the standard deviation of the log of what two poses of a table of points cost, if both are right.
+
+    Its points and those of each partner lie off their true places by independent normal noise of one size s. At
+    either pose their mean squared distance is 6 s^2, but for the mean product of both noises: that is all that
+    differs, and has variance 3 s^4 / (n p) over n points and p partners. So the difference of twice this, over
+    6 s^2, has variance 2 / (3 n p).
+
+    Parameters
+    ----------
+    num_points, num_partners : int
+    """
+    return float(np.sqrt(2.0 / (3.0 * num_points * num_partners)))
+
+
 def is_as_good(
-    excess: FloatArray, leads: FloatArray, own_mismatch: FloatArray, usual_mismatch: float
+    excess: FloatArray,
+    leads: FloatArray,
+    own_mismatch: FloatArray,
+    usual_mismatch: float,
+    noise: float = 0.0,
 ) -> BoolArray:
     """Return after which turns of a part its shapes fit as well, shape (t,).
 
@@ -211,6 +230,8 @@ def is_as_good(
         it lies, NaN where it is not known.
     usual_mismatch : float
         Mean mismatch of the shapes with their partners, which no symmetry needs to be below; NaN as well.
+    noise : float
+        What noise alone makes of the excess of tables, as :func:`noise_of_excess`: twice of it says nothing.
     """
     differs = own_mismatch > np.fmax(usual_mismatch, ALIKE_MISMATCH)
-    return np.asarray((excess < ALIKE) & (leads < TIED_LEAD) & ~differs)
+    return np.asarray((excess < max(ALIKE, 2.0 * noise)) & (leads < TIED_LEAD) & ~differs)

@@ -112,7 +112,7 @@ def _may_be_scans(run: Run) -> bool:
         and not options.deformable
         and not run.constraints.fixed
         and 3 <= len(run.shapes.names) <= MOST_SCANS
-        and any(item.rim != "closed" for item in run.shapes.samples)
+        and any(item.may_be_cut for item in run.shapes.samples)
         and (not run.shapes.are_assembled or were_seen(run.shapes))
     )
 
@@ -246,9 +246,7 @@ def _likelier_as_parts(run: Run, missing: Mapping[int, str], answer: Answer) -> 
     doubtful = [
         n
         for n, item in enumerate(decided.shapes.samples)
-        if confidence[n] < AS_LIKELY
-        and item.rim != "closed"
-        and kept[n] not in run.constraints.fixed
+        if confidence[n] < AS_LIKELY and item.may_be_cut and kept[n] not in run.constraints.fixed
     ]
     if not doubtful or 2 * len(doubtful) >= len(kept):
         return {}

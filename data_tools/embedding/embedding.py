@@ -11,7 +11,12 @@ from scipy.spatial import cKDTree
 from data_tools.arrays import FloatArray, Holds, IntArray, read_only
 from data_tools.embedding.chirality import NO_CHIRALITY, SurfaceChirality, surface_chirality
 from data_tools.embedding.copies import shape_signature
-from data_tools.embedding.invariants import NUM_SPECTRUM, heat_kernel_signature, standardised
+from data_tools.embedding.invariants import (
+    HKS_TIMES,
+    NUM_SPECTRUM,
+    heat_kernel_signature,
+    standardised,
+)
 from data_tools.embedding.sampling import OwnPoints, check_determines_pose
 from data_tools.embedding.surface_points import centre_and_radius, surface_cells
 from data_tools.embedding.working_surface import WorkingSurface
@@ -112,6 +117,11 @@ class Samples:
     def is_table(self) -> bool:
         """Whether the shape is a cloud of too few points for a surface, such as a table of landmarks."""
         return self.rim == "unknown" and self.local is None
+
+    @property
+    def may_be_cut(self) -> bool:
+        """Whether part of a surface may be missing: it is open, or a cloud of points that has a border somewhere."""
+        return self.rim != "closed" and not self.is_table
 
     @property
     def is_poor(self) -> bool:
@@ -258,7 +268,9 @@ def _unit_of_length(
 
 
 def _spectrum(surface: WorkingSurface, options: EmbeddingOptions) -> Spectrum | None:
-    needs_signatures = options.has_invariants and options.hks_weight > 0
+    needs_signatures = (
+        options.has_invariants and options.hks_weight > 0 and surface.has_enough_points
+    )
     num = max(
         NUM_SPECTRUM if needs_signatures else 0,
         options.num_eigenfunctions if options.has_eigenfunctions else 0,
@@ -289,12 +301,17 @@ def _coordinates(
 def _descriptors(
     surface: WorkingSurface, eigen: Spectrum | None, options: EmbeddingOptions
 ) -> list[tuple[float, FloatArray]]:
-    """Return weights and values on the working surface, shapes (w, m), of the invariants that are asked for."""
+    """Return weights and values on the working surface, shapes (w, m), of the invariants that are asked for.
+
+    Signatures of a cloud of too few points for a surface are zero: they tell none of its points from another.
+    """
     found: list[tuple[float, FloatArray]] = []
     if not options.has_invariants:
         return found
-    if options.hks_weight > 0 and eigen is not None:
-        found.append((options.hks_weight, heat_kernel_signature(eigen)))
+    if options.hks_weight > 0:
+        none = np.zeros((len(surface.shape.vertices), len(HKS_TIMES)))
+        signatures = none if eigen is None else heat_kernel_signature(eigen)
+        found.append((options.hks_weight, signatures))
     if options.agd_weight > 0:
         found.append((options.agd_weight, surface.agd[:, None]))
     found.append((BOUNDARY_WEIGHT, surface.boundary_distance[:, None]))

@@ -23,6 +23,7 @@ from data_tools.surface.geodesics import (
 )
 from data_tools.surface.joined import joined_surface
 from data_tools.surface.laplacian import (
+    NUM_CLOUD_NEIGHBOURS,
     Spectrum,
     SurfaceOperators,
     spectrum,
@@ -133,6 +134,11 @@ class WorkingSurface:
         if self.shape.is_mesh and solver.method != "heat":
             self._notes.append(Note("edge-geodesics"))
         return solver
+
+    @property
+    def has_enough_points(self) -> bool:
+        """Whether it is a mesh, or a cloud of enough points for a surface."""
+        return self.shape.is_mesh or len(self.shape.vertices) > NUM_CLOUD_NEIGHBOURS
 
     @cached_property
     def operators(self) -> SurfaceOperators:

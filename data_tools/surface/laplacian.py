@@ -103,8 +103,7 @@ def surface_operators(shape: Shape) -> SurfaceOperators:
     """
     if not shape.is_mesh and len(shape.vertices) <= NUM_CLOUD_NEIGHBOURS:
         raise InputError(
-            f"{shape.name}: {len(shape.vertices)} points are too few for a surface. If they are landmarks, move "
-            "their file out of the folder; if they are all there is, use --embedding.kind xyz"
+            f"{shape.name}: {len(shape.vertices)} points are too few for a surface, and so for its Laplacian"
         )
     if shape.is_mesh and _is_good(shape.vertices, shape.faces):
         operators = cotangent_laplacian(shape.vertices, shape.faces)

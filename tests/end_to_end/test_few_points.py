@@ -33,7 +33,7 @@ def tables(base, rng, noise=0.03):
     return [base + noise * rng.standard_normal(base.shape) for _ in range(NUM)]
 
 
-@pytest.mark.parametrize("num", [20, 150])
+@pytest.mark.parametrize("num", [5, 20, 150])
 def test_tables_of_landmarks_are_right_and_sure(num):
     rng = np.random.default_rng(num)
     found, turns = aligned(tables(rng.standard_normal((num, 3)) * [1.2, 0.8, 0.5], rng), rng)
@@ -52,3 +52,14 @@ def test_a_table_that_quarter_turns_leave_as_it_is_is_called_symmetric(num):
     assert found.confidence.max() <= 0.25
     assert "symmetric" in codes(found.notes)
     assert "open-borders" not in codes(found.notes)
+
+
+@pytest.mark.parametrize(("num", "noise"), [(6, 0.05), (12, 0.1)])
+def test_a_half_turn_that_noise_alone_speaks_against_is_a_symmetry(num, noise):
+    rng = np.random.default_rng(num)
+    half = rng.standard_normal((num // 2, 3)) * [1.0, 0.8, 0.6]
+    base = np.concatenate([half, half * [-1.0, -1.0, 1.0]])
+    found, turns = aligned(tables(base, rng, noise), rng)
+    assert errors_deg(found, turns, QUARTERS[::2]).max() < 15
+    assert found.confidence.max() <= 0.5
+    assert "symmetric" in codes(found.notes)

@@ -69,7 +69,7 @@ def find_incomplete(
     if shapes.are_assembled:
         return {}
     are_dense = [len(item.dense_positions) >= NUM_POINTS for item in samples]
-    if sum(are_dense) < MIN_COMPLETE_SHAPES or all(item.rim == "closed" for item in samples):
+    if sum(are_dense) < MIN_COMPLETE_SHAPES or not any(item.may_be_cut for item in samples):
         return {}
     pairs = [pair for pair in pairs if are_dense[pair.target] and are_dense[pair.source]]
     nearest = _nearest(pairs, len(samples))
@@ -84,9 +84,7 @@ def find_incomplete(
             for i in sorted(
                 range(len(nearest)), key=lambda i: sorted(nearest[i])
             )  # partners in common together
-            if nearest[i]
-            and samples[i].rim != "closed"
-            and 0.0 < points[i].on_rim.mean() <= MOST_ON_RIM
+            if nearest[i] and samples[i].may_be_cut and 0.0 < points[i].on_rim.mean() <= MOST_ON_RIM
         }
         shares = session.map_parallel("incomplete shapes", share_beyond, tasks, shared=table)
     missing = [i for i in range(len(samples)) if shares.get(i, 0.0) >= MISSING_SHARE]

@@ -264,7 +264,7 @@ def _posed(
     incomplete = tuple(
         incomplete_record(i, found[i], LIKELIER, own)
         for i, own in enumerate(partners)
-        if shapes.samples[i].rim != "closed"
+        if shapes.samples[i].may_be_cut
     )
     every = (np.arange(len(partners)),)
     return Posed(

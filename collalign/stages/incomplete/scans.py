@@ -87,7 +87,7 @@ def match_badly(shapes: Shapes, pairs: Sequence[Pair]) -> bool:
 
 def _are_open(shapes: Shapes) -> bool:
     """Return whether most of some shapes have open borders, and most enough points that tell something."""
-    opened = np.mean([item.rim != "closed" for item in shapes.samples])
+    opened = np.mean([item.may_be_cut for item in shapes.samples])
     if not (3 <= len(shapes.names) <= MOST_SCANS and opened > 0.5):
         return False
     local = [item.local for item in shapes.samples if item.local is not None]

@@ -15,6 +15,7 @@ from collalign.confidence.pose_model import (
     cycle_log_odds,
     half_sure,
     is_as_good,
+    noise_of_excess,
     pose_confidence,
     resembles_none,
 )
@@ -172,10 +173,16 @@ def _symmetries(
                 np.mean(leads, axis=0),
                 np.mean([costs[i][LOCAL, -num:, -1] for i in known], axis=0) - LEAST_MISMATCH,
                 float(np.mean([costs[i][LOCAL, 0, :-1].mean() for i in known])) - LEAST_MISMATCH,
+                float(np.mean([_noise(samples[i], costs[i]) for i in known])),
             )
             for i in members:
                 found[i] = read_only(np.stack([np.eye(3), *turns[i][alike]]))
     return tuple(found)
+
+
+def _noise(samples: Samples, costs: FloatArray) -> float:
+    """Return what noise alone makes of the excess of a pose of a table; nothing of surfaces, which differ by more."""
+    return noise_of_excess(samples.num_places, costs.shape[2] - 1) if samples.is_table else 0.0
 
 
 def _is_copied(samples: Samples, partners: Sequence[Partner]) -> bool:

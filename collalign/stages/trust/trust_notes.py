@@ -131,11 +131,7 @@ def remedies(
         cut = [
             shapes.names[i]
             for i in may_be_cut
-            if not (
-                shapes.samples[i].rim == "closed"
-                or shapes.samples[i].is_poor
-                or shapes.samples[i].is_table
-            )
+            if shapes.samples[i].may_be_cut and not shapes.samples[i].is_poor
         ]
         if cut:
             said.append(Note("open-borders", tuple(cut)))

@@ -424,17 +424,19 @@ def test_an_open_shape_in_doubt_is_read_as_a_part_where_that_is_surer(planted):
 
 
 @pytest.mark.parametrize(
-    ("options", "rims", "tries"),
+    ("options", "cut", "tries"),
     [
-        ({}, "open", True),
-        ({}, "closed", False),
-        ({"incomplete": "never"}, "open", False),
-        ({"synchronization": "spectral"}, "open", False),
-        ({"deformable": True}, "open", False),
+        ({}, True, True),
+        ({}, False, False),
+        ({"incomplete": "never"}, True, False),
+        ({"synchronization": "spectral"}, True, False),
+        ({"deformable": True}, True, False),
     ],
 )
-def test_shapes_are_tried_as_scans_where_nobody_said_otherwise(options, rims, tries):
-    run = unmatched_run(AlignOptions(**options), SimpleNamespace(rim=rims, notes=(), local=None))
+def test_shapes_are_tried_as_scans_where_nobody_said_otherwise(options, cut, tries):
+    run = unmatched_run(
+        AlignOptions(**options), SimpleNamespace(may_be_cut=cut, notes=(), local=None)
+    )
     assert _may_be_scans(run) == tries
     run.shapes.names = "a" * 200
     assert _may_be_scans(run) == tries
@@ -446,7 +448,7 @@ def test_shapes_are_tried_as_scans_where_nobody_said_otherwise(options, rims, tr
 @pytest.mark.parametrize("seen", [False, True])
 def test_assembled_objects_are_tried_as_scans_where_they_were_seen_from_one_side(seen):
     local = SimpleNamespace(sights=np.eye(3)[: int(seen)], points=np.zeros((500, 3)))
-    run = unmatched_run(AlignOptions(), SimpleNamespace(rim="open", notes=(), local=local))
+    run = unmatched_run(AlignOptions(), SimpleNamespace(may_be_cut=True, notes=(), local=local))
     run.shapes.are_assembled = True
     assert _may_be_scans(run) == seen
 

@@ -12,6 +12,7 @@ from collalign.confidence.pose_model import (
     cycle_log_odds,
     is_as_good,
     limited,
+    noise_of_excess,
     pose_confidence,
     probability,
     resembles_none,
@@ -592,3 +593,18 @@ def test_copies_with_thin_limbs_are_not_symmetric():
     assert is_alike(0.35)  # a cube
     assert is_alike(0.43, usual_mismatch=0.6)  # what the pairs do not tell apart either
     assert is_alike(np.nan, usual_mismatch=np.nan)
+
+
+def test_noise_of_excess_is_that_of_two_right_poses():
+    """Of points that a half turn leaves as they are, on partners of the same noise: no pose is righter."""
+    rng, num, partners = np.random.default_rng(3), 12, 5
+    noise = rng.standard_normal((4000, 1 + partners, num, 3))
+    own, others = noise[:, :1], noise[:, 1:]
+    turned = np.roll(own, num // 2, axis=2) * [-1.0, -1.0, 1.0]
+    costs = [((others - lying) ** 2).sum(axis=3).mean(axis=(1, 2)) for lying in (own, turned)]
+    found = np.std(np.log(costs[1] / costs[0]))
+    assert found == pytest.approx(noise_of_excess(num, partners), rel=0.05)
+    assert found != pytest.approx(noise_of_excess(num, 2 * partners), rel=0.05)
+    excess = np.array([2.1, 1.9]) * noise_of_excess(num, partners)
+    alike = is_as_good(excess, np.zeros(2), np.full(2, np.nan), np.nan, noise=float(found))
+    assert alike.tolist() == [False, True]

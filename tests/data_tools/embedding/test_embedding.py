@@ -188,3 +188,15 @@ def test_points_of_a_small_cloud_count_several_times(rng):
     assert (found.num_places, found.is_poor) == (30, True)
     np.testing.assert_allclose(found.positions.mean(axis=0), 0.0, atol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(found.positions), 1.0)
+
+
+def test_a_table_of_too_few_points_for_a_surface_has_no_signatures(rng):
+    few, enough = (
+        sample_shape(Shape.from_arrays(rng.standard_normal((num, 3)), name="table"), FEW)
+        for num in (16, 17)
+    )
+    assert few.invariants.shape == enough.invariants.shape == (24, 6)
+    assert not few.invariants[:, :4].any()
+    assert enough.invariants[:, :4].any(axis=0).all()
+    assert few.is_table
+    assert not few.may_be_cut
