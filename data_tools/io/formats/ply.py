@@ -226,7 +226,7 @@ def _equal_records(body: bytes, start: int, element: _Element) -> _Found | None:
     for number, one in enumerate(element.properties):
         shape: tuple[int, ...] = ()
         if one.length is not None:
-            shape = (_length(body, at, one.length),)
+            shape = (_length(_anywhere(body, one.length), at),)
             fields.append((f"length{number}", one.length, ()))
             at += one.length.itemsize
         at += one.kind.itemsize * sum(shape, start=not shape)
@@ -255,15 +255,24 @@ def _records(body: bytes, at: int, element: _Element) -> _Found:
     starts = [array("q") for _ in element.properties]
     lengths = [array("q") for _ in element.properties]
     ends = array("q")
+    rows = [
+        (
+            own_starts,
+            own_lengths,
+            one.kind.itemsize,
+            None if one.length is None else _anywhere(body, one.length),
+        )
+        for own_starts, own_lengths, one in zip(starts, lengths, element.properties, strict=True)
+    ]
     for _ in range(element.count):
-        for number, one in enumerate(element.properties):
+        for own_starts, own_lengths, num_bytes, counts in rows:
             size = 1
-            if one.length is not None:
-                size = _length(body, at, one.length)
-                at += one.length.itemsize
-            starts[number].append(at)
-            lengths[number].append(size)
-            at += size * one.kind.itemsize
+            if counts is not None:
+                size = _length(counts, at)
+                at += counts.itemsize
+            own_starts.append(at)
+            own_lengths.append(size)
+            at += size * num_bytes
         ends.append(at)
         if at > len(body):
             return _Found({}, np.array(ends, dtype=np.int64))
@@ -272,18 +281,20 @@ def _records(body: bytes, at: int, element: _Element) -> _Found:
         sizes = np.array(lengths[number], dtype=np.int64)
         first = np.repeat(np.array(starts[number], dtype=np.int64), sizes)
         within = np.arange(len(first)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-        anywhere = np.ndarray(
-            (len(body) - one.kind.itemsize + 1,), dtype=one.kind, buffer=body, strides=(1,)
-        )
-        values = anywhere[first + within * one.kind.itemsize]
+        values = _anywhere(body, one.kind)[first + within * one.kind.itemsize]
         columns[one.name] = values if one.length is None else (values, sizes)
     return _Found(columns, np.array(ends, dtype=np.int64))
 
 
-def _length(body: bytes, at: int, kind: np.dtype[np.generic]) -> int:
+def _anywhere(body: bytes, kind: np.dtype[np.generic]) -> NDArray[np.generic]:
+    """Return the number of a kind that begins at each byte of a body."""
+    num = max(len(body) - kind.itemsize + 1, 0)
+    return np.ndarray((num,), dtype=kind, buffer=body, strides=(1,))
+
+
+def _length(counts: NDArray[np.generic], at: int) -> int:
     """Return how many values a list has that begins there; more than there can be where that is no such number."""
-    found = np.frombuffer(body[at : at + kind.itemsize], dtype=np.uint8)
-    size = found.view(kind)[0] if len(found) == kind.itemsize else -1
+    size = counts.item(at) if at < len(counts) else -1
     return int(size) if 0 <= size < _NO_LENGTH and size == int(size) else _NO_LENGTH
 
 
