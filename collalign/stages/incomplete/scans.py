@@ -132,9 +132,7 @@ def align_scans(run: Run, pairs: Sequence[Pair], reasons: Mapping[int, str]) -> 
             raise CollectionError(
                 "; ".join(f"{shapes.names[i]}: {why}" for i, why in surfaces.failures.items())
             )
-        described = [surfaces[i] for i in range(num)]
-        overlaps = overlap_pairs(session, shapes, surfaces)
-        joined = join_scans(described, overlaps, log_odds_of(overlaps, constraints))
+        described, joined = _joined(run, surfaces)
     if not reasons:
         if not _are_scans(joined, described, pairs, are_seen=were_seen(shapes), is_scene=is_scene):
             return None
@@ -143,6 +141,35 @@ def align_scans(run: Run, pairs: Sequence[Pair], reasons: Mapping[int, str]) -> 
     posed = posed_scans(run, pairs, joined, reasons or dict.fromkeys(range(num), SCAN))
     overlap_alone = not reasons and not were_seen(shapes)
     return replace(posed, limited_by=(("overlap-alone",) * num if overlap_alone else ()))
+
+
+def _joined(
+    run: Run, surfaces: Results[int, LocalSurface]
+) -> tuple[list[LocalSurface], JoinedScans]:
+    """Return surfaces, all on their outer side, and what overlaps join of them.
+
+    The outer side of a cloud is guessed. So clouds that are not joined with most shapes are seen from behind as well,
+    and those that are joined then stay so.
+    """
+    shapes, num = run.shapes, len(run.shapes.names)
+
+    def with_turned(turned: frozenset[int]) -> tuple[list[LocalSurface], JoinedScans]:
+        overlaps = overlap_pairs(run.session, shapes, surfaces, turned)
+        sides = [surfaces[i].seen_from_behind() if i in turned else surfaces[i] for i in range(num)]
+        return sides, join_scans(sides, overlaps, log_odds_of(overlaps, run.constraints))
+
+    as_guessed = with_turned(frozenset())
+    held = {*as_guessed[1].parts[0].tolist()}
+    apart = frozenset(i for i in range(num) if i not in held and not side_known(shapes, i))
+    if not apart or len(held) <= MOST_SURE * num:
+        return as_guessed
+    joined = {*with_turned(apart)[1].parts[0].tolist()}
+    return with_turned(apart & joined) if len(joined) > len(held) else as_guessed
+
+
+def side_known(shapes: Shapes, scan: int) -> bool:
+    """Return whether normals of a scan are on the outer side; those of a cloud may be on either."""
+    return shapes.samples[scan].rim != "unknown"
 
 
 def log_odds_of(overlaps: Overlaps, constraints: Constraints) -> dict[tuple[int, int], FloatArray]:
@@ -375,9 +402,15 @@ def describe_file(
     return found
 
 
-def overlap_pair(target: LocalSurface, source: LocalSurface, group: str) -> LocalPoses:
-    """Return the poses on which two surfaces share most; runs inside a worker."""
-    return match_overlapping(target, source, group=group, num_candidates=NUM_CANDIDATES)
+def overlap_pair(
+    target: LocalSurface, source: LocalSurface, group: str, turned: tuple[bool, bool]
+) -> LocalPoses:
+    """Return the poses on which two surfaces share most, either one from behind if turned; runs inside a worker."""
+    ends = (
+        end.seen_from_behind() if is_turned else end
+        for end, is_turned in zip((target, source), turned, strict=True)
+    )
+    return match_overlapping(*ends, group=group, num_candidates=NUM_CANDIDATES)
 
 
 #: Describes a surface. The version changes whenever the same file and cell would give another one.
@@ -413,16 +446,20 @@ def describe_surfaces(
 
 
 def overlap_pairs(
-    session: AlignSession, shapes: Shapes, surfaces: Results[int, LocalSurface]
+    session: AlignSession,
+    shapes: Shapes,
+    surfaces: Results[int, LocalSurface],
+    turned: frozenset[int],
 ) -> dict[tuple[int, int], LocalPoses]:
-    """Return what every two surfaces share, by target and source."""
+    """Return what every two surfaces share, by target and source; those that are turned as seen from behind."""
     group, wanted = session.options.group, {}
     for i, j in itertools.combinations(sorted(surfaces), 2):
         ends = surfaces.shared(i), surfaces.shared(j)
+        how = {"group": group, "turned": (i in turned, j in turned)}
         wanted[i, j] = Wanted(
-            key=OVERLAPPING.key({"group": group}, *(end.key for end in ends)),
+            key=OVERLAPPING.key(how, *(end.key for end in ends)),
             label=shapes.label(i, j),
-            arguments={"target": ends[0], "source": ends[1], "group": group},
+            arguments={"target": ends[0], "source": ends[1], **how},
         )
     found = session.compute(OVERLAPPING, wanted, time_limit_s=session.run.pair_time_limit_s)
     return {pair: poses for pair, poses in found.items() if len(poses)}
