@@ -18,14 +18,13 @@ from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes, free_rotation
 from collalign.products.trust import DOUBT
 from collalign.stages.incomplete.join import CONSISTENT_CELLS, JoinedScans, WeakCut
-from collalign.stages.incomplete.scans import (
+from collalign.stages.incomplete.scan_pairs import (
     NUM_CANDIDATES,
-    SCAN,
     common_cell,
     describe_surfaces,
-    posed_scans,
     side_known,
 )
+from collalign.stages.incomplete.scans import SCAN, posed_scans
 from collalign.stages.steps import Posed, Run
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.local_surface import LocalSurface
