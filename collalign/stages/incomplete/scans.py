@@ -140,10 +140,10 @@ def align_scans(run: Run, pairs: Sequence[Pair], reasons: Mapping[int, str]) -> 
 def _joined(
     run: Run, surfaces: Results[int, LocalSurface]
 ) -> tuple[list[LocalSurface], JoinedScans]:
-    """Return surfaces, all on their outer side, and what overlaps join of them.
+    """Return the surfaces, each on the side that it was joined on, and what overlaps join of them.
 
-    The outer side of a cloud is guessed. So clouds that are not joined with most shapes are seen from behind as well,
-    and those that are joined then stay so.
+    The outer side of a cloud is guessed. So if most shapes are joined, clouds that are not are seen from behind as
+    well, and those that are joined then stay so.
     """
     shapes, num = run.shapes, len(run.shapes.names)
 
@@ -155,7 +155,7 @@ def _joined(
     as_guessed = with_turned(frozenset())
     held = {*as_guessed[1].parts[0].tolist()}
     apart = frozenset(i for i in range(num) if i not in held and not side_known(shapes, i))
-    if not apart or len(held) <= MOST_SURE * num:
+    if not apart or 2 * len(held) <= num:
         return as_guessed
     joined = {*with_turned(apart)[1].parts[0].tolist()}
     return with_turned(apart & joined) if len(joined) > len(held) else as_guessed
