@@ -184,7 +184,8 @@ def test_shapes_may_be_scans_where_most_are_open_and_match_badly():
             for n in range(len(rims))
         ]
         samples = [
-            SimpleNamespace(rim=rim, local=one) for rim, one in zip(rims, local, strict=True)
+            SimpleNamespace(may_be_cut=rim != "closed", local=one)
+            for rim, one in zip(rims, local, strict=True)
         ]
         shapes = SimpleNamespace(names=rims, samples=samples)
         pairs = [pair_of(np.eye(3), [0.1], mismatches=np.array(own)) for own in mismatches]
