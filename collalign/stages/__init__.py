@@ -27,13 +27,13 @@ The way of a pair. ``collalign/align.py`` is the driver. One object goes through
 * **Rounds.** ``pose_all`` takes the steps below at most three times. Where most shapes have open borders,
   ``align_scans`` poses them in place of the others if they were seen from one direction each, like depth images
   (``were_seen``), or if their pairs match badly as whole shapes (``match_badly``). ``overlap_pairs`` finds what
-  every two share, and ``join_scans`` poses all by the pairs that overlap. ``align_on_model`` is tried before: all
-  but one may be scans of that one. ``find_incomplete`` looks for incomplete shapes at the poses. Doubtful shapes with
-  open borders are incomplete as well if they are posed more surely as parts (``chances_as_parts``). The others are
-  posed again without them, and ``with_incomplete`` poses these on the others. Where most are open and some doubtful
-  in the end, ``align_parts`` poses all as parts of each other; the surer answer is kept; whole shapes are less
-  sure where parts contradict them. The same happens without material that only single shapes have, such as a stand
-  (``extra_points``).
+  every two share, and ``join_scans`` poses all by the pairs that overlap, clouds that it leaves out as seen from
+  behind once more. ``align_on_model`` is tried before: all but one may be scans of that one. ``find_incomplete``
+  looks for incomplete shapes at the poses. Doubtful shapes with open borders are incomplete as well if they are posed
+  more surely as parts (``chances_as_parts``). The others are posed again without them, and ``with_incomplete`` poses
+  these on the others. Where most are open and some doubtful in the end, ``align_parts`` poses all as parts of each
+  other; the surer answer is kept; whole shapes are less sure where parts contradict them. The same happens without
+  material that only single shapes have, such as a stand (``extra_points``).
 * **Pairs.** ``choose_pairs``, ``decide_group`` and ``match_pairs`` run in this order. A worker matches two shapes
   (``match_whole``). It assesses each candidate by energy and mismatch (``local_evidence``, ``candidate_costs``). If
   the best candidate hardly overlaps, ``proposed_rotations`` adds candidates. The stored ``PairPoses`` become the

@@ -24,7 +24,7 @@ from collalign.confidence.overlap_model import (
     hinted_evidence,
     overlap_evidence,
 )
-from collalign.stages.incomplete.scans import DESCRIBING, NUM_CANDIDATES, OVERLAPPING
+from collalign.stages.incomplete.scan_pairs import DESCRIBING, NUM_CANDIDATES, OVERLAPPING
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.datasets.synthetic import range_view
 from data_tools.datasets.synthetic_shapes import blob

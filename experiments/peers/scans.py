@@ -53,7 +53,7 @@ WRONG_DEG = 20.0
 #: Shares of the scans' points with a counterpart that pairs of the bunny's scans are told apart by.
 OVERLAPS = (0.3, 0.5, 0.7, 1.01)
 #: Raised when the toolkit's poses change.
-VERSION = "3"
+VERSION = "4"
 
 _ABOUT = f"""
 **Data.** The ten range scans of the Stanford bunny (Stanford Computer Graphics Laboratory; research use), and

@@ -19,10 +19,12 @@ from collalign.stages.match_pairs import match_pairs
 from collalign.stages.shape_stage import prepare_shapes
 from data_tools.datasets.synthetic import deformed_family, range_view
 from data_tools.datasets.synthetic_shapes import blob, crown
+from data_tools.embedding import surface_points
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.objects import list_shapes
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation
+from data_tools.sight import lines_of_sight
 from tests.commands import read_json, run_command
 from tests.finished_runs import angles_deg
 from tests.notes import codes
@@ -123,6 +125,28 @@ def test_scans_that_nobody_called_so_and_no_direction_saw_are_in_doubt(
     np.testing.assert_array_equal(called.confidence, by_default.confidence)
 
 
+@pytest.mark.parametrize("is_known", [False, True])
+def test_a_cloud_that_was_seen_from_the_other_side_than_guessed_is_joined(
+    views, aligned, monkeypatch, is_known
+):
+    clouds, guess = {name: points + 1.0 for name, points in views[0].items()}, lines_of_sight
+    wrong = len(clouds["view0"])
+    assert sum(len(points) == wrong for points in clouds.values()) == 1
+    monkeypatch.setattr(
+        surface_points,
+        "lines_of_sight",
+        lambda points: -guess(points) if len(points) == wrong else guess(points),
+    )
+    monkeypatch.setattr(scanning, "side_known", lambda shapes, scan: is_known)
+    collection = aligned(clouds, incomplete="all")
+    if is_known:
+        assert np.flatnonzero(collection.part_numbers).tolist() == [0]
+    else:
+        assert (collection.part_numbers == 0).all()
+        assert angles_deg(collection.rotations @ views[1])[0].max() < 2.0
+        assert collection.confidence.min() > 0.95
+
+
 def test_a_scan_in_pieces_that_is_in_doubt_is_named(views, aligned, monkeypatch):
     clouds, turns = views
     from_front = clouds["view0"] @ turns[0]  # the camera looks along x
@@ -160,7 +184,8 @@ def test_shapes_may_be_scans_where_most_are_open_and_match_badly():
             for n in range(len(rims))
         ]
         samples = [
-            SimpleNamespace(rim=rim, local=one) for rim, one in zip(rims, local, strict=True)
+            SimpleNamespace(may_be_cut=rim != "closed", local=one)
+            for rim, one in zip(rims, local, strict=True)
         ]
         shapes = SimpleNamespace(names=rims, samples=samples)
         pairs = [pair_of(np.eye(3), [0.1], mismatches=np.array(own)) for own in mismatches]

@@ -18,13 +18,13 @@ from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes, free_rotation
 from collalign.products.trust import DOUBT
 from collalign.stages.incomplete.join import CONSISTENT_CELLS, JoinedScans, WeakCut
-from collalign.stages.incomplete.scans import (
+from collalign.stages.incomplete.scan_pairs import (
     NUM_CANDIDATES,
-    SCAN,
     common_cell,
     describe_surfaces,
-    posed_scans,
+    side_known,
 )
+from collalign.stages.incomplete.scans import SCAN, posed_scans
 from collalign.stages.steps import Posed, Run
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.local_surface import LocalSurface
@@ -92,8 +92,8 @@ def place_on_model(
         own, poses = own[order], unordered[order]
         placed = Similarity.rigid(poses.rotations, poses.shifts).transform
         same = np.arange(len(poses)) == 0
-        whole, side_known = coarse[model], _side_known(shapes, i)
-        if (axis := _free_axis(whole, coarse[i], poses, side_known=side_known)) is not None:
+        whole, is_known = coarse[model], side_known(shapes, i)
+        if (axis := _free_axis(whole, coarse[i], poses, side_known=is_known)) is not None:
             axes[i] = axis
             same |= _turned_about(axis, placed, whole.cell)
         transforms[i], confidence[i] = placed[0], min(float(own[same].sum()), MOST_CERTAIN)
@@ -134,11 +134,6 @@ def _free_axis(
     return free_axis(whole, scan, rotation, shift, side_known=side_known)
 
 
-def _side_known(shapes: Shapes, scan: int) -> bool:
-    """Return whether normals of a scan are on the outer side; those of a cloud may be on either."""
-    return shapes.samples[scan].rim != "unknown"
-
-
 def _turned_about(axis: FloatArray, placed: FloatArray, cell: float) -> BoolArray:
     """Return which poses (p, 4, 4) are the first one turned about an axis (2, 3), shape (p,)."""
     moves = placed @ np.linalg.inv(placed[0])
@@ -173,7 +168,7 @@ def _poses_on_model(
             "part": coarse.shared(i),
             "fine_part": fine.shared(i),
         }
-        asked = {"group": group, "side_known": _side_known(shapes, i)}
+        asked = {"group": group, "side_known": side_known(shapes, i)}
         wanted[i] = Wanted(
             key=PLACING.key(asked, *(end.key for end in ends.values())),
             label=shapes.label(model, i),

@@ -12,8 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from collalign.confidence.overlap_model import hinted_log_odds, overlap_log_odds
-from collalign.engine.job import Job, Results, Wanted
-from collalign.options import AlignSession
+from collalign.engine.job import Results
 from collalign.products.pair import AlignedPair, Alternative, Pair, median_mismatch
 from collalign.products.shapes import Constraints, Incomplete, Shapes
 from collalign.products.trust import DOUBT
@@ -25,24 +24,23 @@ from collalign.stages.incomplete.join import (
     join_scans,
 )
 from collalign.stages.incomplete.place import nearest_labels
+from collalign.stages.incomplete.scan_pairs import (
+    common_cell,
+    describe_surfaces,
+    overlap_pairs,
+    side_known,
+)
 from collalign.stages.poses.placement import common_positions, with_origin
-from collalign.stages.shape_stage import compute_surfaces
 from collalign.stages.steps import Posed, Run
 from collalign.stages.trust.trust_notes import components_left_out
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray, read_only
-from data_tools.embedding.embedding import Samples
-from data_tools.embedding.surface_points import surface_cells
 from data_tools.errors import CollectionError, InputError
-from data_tools.io.shapes import read_shape
-from data_tools.io.source import Origin
-from data_tools.local_surface import PART_CELL, LocalSurface, shows_scene
+from data_tools.local_surface import LocalSurface, shows_scene
 from data_tools.notes import Note
-from data_tools.options import CleaningOptions
 from data_tools.poses import AGREE_DEG, moved_by, pose_angle_deg, scales_of
 from data_tools.sight import TUNED
-from data_tools.surface.outliers import FEWEST_OF_SCAN, without_outliers
-from pairwise.features.overlap import LocalPoses, match_overlapping
+from pairwise.features.overlap import LocalPoses
 from pairwise.results import Status
 
 #: Shapes with open borders may be scans where the median pair matches so badly as whole shapes: its neighbourhoods
@@ -65,10 +63,6 @@ LEAST_WIDER = 0.6
 OVERLAP_ALONE = 0.67
 #: Why shapes count as incomplete that nobody called so.
 SCAN = "scan"
-#: Cells are powers of two to this share, so that a shape more does not change that of all others.
-_STEPS_AN_OCTAVE = 4
-#: Poses that a pair keeps.
-NUM_CANDIDATES = 6
 #: Scans that are joined: all pairs of them are matched.
 MOST_SCANS = 200
 
@@ -132,9 +126,7 @@ def align_scans(run: Run, pairs: Sequence[Pair], reasons: Mapping[int, str]) -> 
             raise CollectionError(
                 "; ".join(f"{shapes.names[i]}: {why}" for i, why in surfaces.failures.items())
             )
-        described = [surfaces[i] for i in range(num)]
-        overlaps = overlap_pairs(session, shapes, surfaces)
-        joined = join_scans(described, overlaps, log_odds_of(overlaps, constraints))
+        described, joined = _joined(run, surfaces)
     if not reasons:
         if not _are_scans(joined, described, pairs, are_seen=were_seen(shapes), is_scene=is_scene):
             return None
@@ -143,6 +135,30 @@ def align_scans(run: Run, pairs: Sequence[Pair], reasons: Mapping[int, str]) -> 
     posed = posed_scans(run, pairs, joined, reasons or dict.fromkeys(range(num), SCAN))
     overlap_alone = not reasons and not were_seen(shapes)
     return replace(posed, limited_by=(("overlap-alone",) * num if overlap_alone else ()))
+
+
+def _joined(
+    run: Run, surfaces: Results[int, LocalSurface]
+) -> tuple[list[LocalSurface], JoinedScans]:
+    """Return the surfaces, each on the side that it was joined on, and what overlaps join of them.
+
+    The outer side of a cloud is guessed. So if most shapes are joined, clouds that are not are seen from behind as
+    well, and those that are joined then stay so.
+    """
+    shapes, num = run.shapes, len(run.shapes.names)
+
+    def with_turned(turned: frozenset[int]) -> tuple[list[LocalSurface], JoinedScans]:
+        overlaps = overlap_pairs(run.session, shapes, surfaces, turned)
+        sides = [surfaces[i].seen_from_behind() if i in turned else surfaces[i] for i in range(num)]
+        return sides, join_scans(sides, overlaps, log_odds_of(overlaps, run.constraints))
+
+    as_guessed = with_turned(frozenset())
+    held = {*as_guessed[1].parts[0].tolist()}
+    apart = frozenset(i for i in range(num) if i not in held and not side_known(shapes, i))
+    if not apart or 2 * len(held) <= num:
+        return as_guessed
+    joined = {*with_turned(apart)[1].parts[0].tolist()}
+    return with_turned(apart & joined) if len(joined) > len(held) else as_guessed
 
 
 def log_odds_of(overlaps: Overlaps, constraints: Constraints) -> dict[tuple[int, int], FloatArray]:
@@ -354,75 +370,3 @@ def _alternatives(
                 )
             )
     return tuple(tuple(own) for own in found)
-
-
-def describe_file(
-    path: Origin, name: str, digest: str, cleaning: CleaningOptions, cell: float, *, of_scene: bool
-) -> LocalSurface:
-    """Read one surface and describe its neighbourhoods, unless it has changed since its digest was taken.
-
-    Raises
-    ------
-    InputError
-        If the surface has too few points.
-    """
-    shape = read_shape(path, cleaning, name=name, digest=digest)
-    if cleaning.components != "all" and not shape.is_mesh:
-        shape = without_outliers(shape, fewest_points=FEWEST_OF_SCAN)
-    found = surface_cells(shape, cell, of_scene=of_scene)
-    if found is None:
-        raise InputError(f"{name}: too few points to describe neighbourhoods of {cell:.3g}")
-    return found
-
-
-def overlap_pair(target: LocalSurface, source: LocalSurface, group: str) -> LocalPoses:
-    """Return the poses on which two surfaces share most; runs inside a worker."""
-    return match_overlapping(target, source, group=group, num_candidates=NUM_CANDIDATES)
-
-
-#: Describes a surface. The version changes whenever the same file and cell would give another one.
-DESCRIBING = Job(kind="surfaces", version="local-7", run=describe_file, reader=LocalSurface)
-#: Matches a pair by what both share. The version changes whenever the same surfaces would give other poses.
-OVERLAPPING = Job(kind="evidence", version="overlap-7", run=overlap_pair, reader=LocalPoses)
-
-
-def common_cell(samples: Sequence[Samples]) -> float:
-    """Return the distance of points at which shapes are described, in the units of the files."""
-    radii = [item.scale * np.sqrt((item.positions**2).sum(axis=1).mean()) for item in samples]
-    octaves = np.log2(PART_CELL * float(np.median(radii)))
-    return float(2.0 ** (np.round(_STEPS_AN_OCTAVE * octaves) / _STEPS_AN_OCTAVE))
-
-
-def describe_surfaces(
-    session: AlignSession, shapes: Shapes, chosen: Sequence[int], cell: float, *, of_scene: bool
-) -> Results[int, LocalSurface]:
-    """Return the described surfaces of some shapes, by position; shapes of too few points are left out."""
-    wanted = {}
-    for i in chosen:
-        arguments = {
-            "path": shapes.files[i],
-            "name": shapes.names[i],
-            "digest": shapes.digests[i],
-            "cleaning": shapes.cleaning[i].again,
-            "cell": cell,
-            "of_scene": of_scene,
-        }
-        key = DESCRIBING.key({"cell": cell, "of_scene": of_scene}, shapes.keys[i])
-        wanted[i] = Wanted(key=key, label=shapes.names[i], arguments=arguments)
-    return compute_surfaces(DESCRIBING, session, shapes, wanted)
-
-
-def overlap_pairs(
-    session: AlignSession, shapes: Shapes, surfaces: Results[int, LocalSurface]
-) -> dict[tuple[int, int], LocalPoses]:
-    """Return what every two surfaces share, by target and source."""
-    group, wanted = session.options.group, {}
-    for i, j in itertools.combinations(sorted(surfaces), 2):
-        ends = surfaces.shared(i), surfaces.shared(j)
-        wanted[i, j] = Wanted(
-            key=OVERLAPPING.key({"group": group}, *(end.key for end in ends)),
-            label=shapes.label(i, j),
-            arguments={"target": ends[0], "source": ends[1], "group": group},
-        )
-    found = session.compute(OVERLAPPING, wanted, time_limit_s=session.run.pair_time_limit_s)
-    return {pair: poses for pair, poses in found.items() if len(poses)}

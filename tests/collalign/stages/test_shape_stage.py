@@ -16,7 +16,7 @@ from collalign.stages import shape_stage as stage
 from collalign.stages.deformation_jobs import prepare_all_detailed
 from collalign.stages.evidence.map_surfaces import prepare_surfaces
 from collalign.stages.incomplete.posed_points import prepare_points
-from collalign.stages.incomplete.scans import describe_surfaces
+from collalign.stages.incomplete.scan_pairs import describe_surfaces
 from collalign.stages.shape_stage import (
     chirality_of_file,
     common_num_points,
