@@ -47,7 +47,7 @@ def local_evidence(
     ):
         chosen = are_proper == proper
         if chosen.any():
-            of = source.local.mirrored() if other is None else other
+            of = source.local.mirrored if other is None else other
             flipped = space[chosen] * flip
             shares, costs = closeness(
                 target.local, of, flipped, np.zeros((len(flipped), 3)), num_points=num_points
@@ -71,7 +71,7 @@ def rigid_overlap(target: Samples, source: Samples, rotations: FloatArray) -> fl
         return most
     for rotation in rotations[:, :3, :3]:
         flip = np.array([np.sign(np.linalg.det(rotation)), 1.0, 1.0])
-        other = source.local if flip[0] > 0 else source.local.mirrored()
+        other = source.local if flip[0] > 0 else source.local.mirrored
         start = Similarity.rigid((rotation * flip)[None], np.zeros((1, 3)))
         pose = refine_on_planes(target.local, other, start)
         overlaps = closeness(target.local, other, pose.rotation, pose.shift)[0]
