@@ -18,7 +18,7 @@ from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 from collalign.confidence.map_model import Evidence
-from collalign.nonrigid.functional_map import FunctionalMap, mutual_nearest_rows
+from collalign.nonrigid.functional_map import FunctionalMap, TargetRows
 from collalign.nonrigid.map_evidence import measure_evidence
 from collalign.nonrigid.refine import Refiner, unit_rows
 from collalign.nonrigid.spectral_shape import (
@@ -214,7 +214,9 @@ class PoseMapper:
     def __init__(self, target: PosedSurface, source: PosedSurface) -> None:
         self.target, self.source = target, source
         self._refiner = Refiner(target.spectral, source.spectral, first=FIRST_SIZE, factor=GROWTH)
-        self._features = _start_features(target, np.eye(3))
+        self._starts = TargetRows(_start_features(target, np.eye(3)))
+        self._facing = np.hstack([target.points, SURFACE_NORMAL_WEIGHT * target.normals])
+        self._near = TargetRows(self._facing)
 
     def map_from(self, R_target_source: FloatArray) -> FunctionalMap:
         """Return the map that closest points at a pose (3, 3), of either determinant, lead to."""
@@ -222,7 +224,7 @@ class PoseMapper:
 
     def closest_points(self, R_target_source: FloatArray) -> tuple[IntArray, IntArray]:
         """Return the maps of the samples, (k,) and (n,), by closest points at a pose (3, 3)."""
-        return mutual_nearest_rows(self._features, _start_features(self.source, R_target_source))
+        return self._starts.mutual(_start_features(self.source, R_target_source))
 
     def maps_from_signs(self, num: int = NUM_SIGN_MAPS) -> list[FunctionalMap]:
         """Return the maps that signs of the lowest eigenfunctions lead to, those that fit best at the start.
@@ -259,12 +261,11 @@ class PoseMapper:
 
     def surface_gap(self, R_target_source: FloatArray) -> float:
         """Return the mean squared distance of closest points and normals at a pose (3, 3), both ways."""
-        rotation, source = R_target_source.T, self.source
-        fixed = np.hstack([self.target.points, SURFACE_NORMAL_WEIGHT * self.target.normals])
+        rotation, source, fixed = R_target_source.T, self.source, self._facing
         moved = np.hstack(
             [source.points @ rotation, SURFACE_NORMAL_WEIGHT * source.normals @ rotation]
         )
-        there, back = mutual_nearest_rows(fixed, moved)
+        there, back = self._near.mutual(moved)
         gaps = np.concatenate([fixed[there] - moved, fixed - moved[back]])
         return float((gaps**2).sum(axis=1).mean())
 
