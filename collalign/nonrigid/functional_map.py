@@ -199,8 +199,10 @@ def fitted_map(
     cost : ndarray, shape (k,), optional
         Of the square of each coefficient, relative to the mean of the squared residuals.
     """
-    known, back = np.flatnonzero(forward >= 0), np.flatnonzero(backward >= 0)
-    at, to = np.concatenate([known, backward[back]]), np.concatenate([forward[known], back])
+    at = np.concatenate([np.arange(len(forward)), backward])
+    to = np.concatenate([forward, np.arange(len(backward))])
+    known = np.minimum(at, to) >= 0
+    at, to = at[known], to[known]
     if len(at) * source.shape[1] <= _FEW_ENTRIES:
         rows = source.take(at, axis=0)
         gram, cross = rows.T @ rows, rows.T @ target.take(to, axis=0)

@@ -241,15 +241,21 @@ class PoseMapper:
             )
             for one in (self.target, self.source)
         )
-        unsigned, starts = cdist(target, source, "sqeuclidean"), []
-        rows, columns = np.arange(len(target)), np.arange(len(source))
-        for flips in product((0.0, 4.0), repeat=NUM_SIGNS):  # |t + s|^2 = |t - s|^2 + 4 t s
-            gaps = unsigned + (target[:, :NUM_SIGNS] * flips) @ source[:, :NUM_SIGNS].T
-            there, back = gaps.argmin(axis=0), gaps.argmin(axis=1)
-            loss = gaps[there, columns].mean() + gaps[rows, back].mean()
-            starts.append((loss, there, back))
-        best = sorted(range(len(starts)), key=lambda i: starts[i][0])[:num]
-        return [self._refiner.zoomout.refine(*starts[i][1:]) for i in best]
+        unsigned, signed = cdist(target, source, "sqeuclidean"), 4.0 * target[:, :NUM_SIGNS]
+
+        def gaps_of(flips: tuple[float, ...]) -> FloatArray:
+            # |t + s|^2 = |t - s|^2 + 4 t s
+            return np.asarray(unsigned + (signed * flips) @ source[:, :NUM_SIGNS].T)
+
+        def loss_of(flips: tuple[float, ...]) -> float:
+            gaps = gaps_of(flips)
+            return float(gaps.min(axis=0).mean() + gaps.min(axis=1).mean())
+
+        best = sorted(product((0.0, 1.0), repeat=NUM_SIGNS), key=loss_of)[:num]
+        return [
+            self._refiner.zoomout.refine(gaps.argmin(axis=0), gaps.argmin(axis=1))
+            for gaps in map(gaps_of, best)
+        ]
 
     def oriented(self, found: FunctionalMap, *, preserving: bool) -> FunctionalMap:
         """Return the map that keeps the orientation of the surfaces, or reverses it, which a map leads to."""
