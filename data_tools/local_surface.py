@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -52,6 +52,11 @@ class SurfacePlanes:
     def tree(self) -> cKDTree:
         """The points, for look-ups of nearest neighbours."""
         return cKDTree(self.points)
+
+    @cached_property
+    def kept(self) -> dict[float, Any]:
+        """What other look-ups keep of the points, by how far they reach."""
+        return {}
 
     def few(self, num: int = MOST_COMPARED) -> slice:
         """Return an even choice of at most ``num`` points."""
@@ -166,8 +171,9 @@ class LocalSurface(SurfacePlanes):
             histograms=read_only(self.histograms[few]),
         )
 
+    @cached_property
     def mirrored(self) -> LocalSurface:
-        """Return the mirror image in the plane x = 0.
+        """The mirror image in the plane x = 0.
 
         Mirroring negates the first of the three angles of a histogram, which reverses its bins.
         """

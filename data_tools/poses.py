@@ -114,12 +114,11 @@ def keep_apart(rotations: FloatArray, least_deg: float, *, num: int | None = Non
         Rotations that are no farther apart are one.
     num : int, optional
     """
-    kept: list[int] = []
-    for at, rotation in enumerate(rotations):
-        if len(kept) == num:
-            break
-        if not kept or (pose_angle_deg(rotations[kept], rotation) > least_deg).all():
-            kept.append(at)
+    kept, free = list[int](), np.ones(len(rotations), dtype=np.bool_)
+    while free.any() and len(kept) != num:
+        kept.append(at := int(free.argmax()))
+        free &= pose_angle_deg(rotations, rotations[at]) > least_deg
+        free[at] = False
     return kept
 
 

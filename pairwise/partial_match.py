@@ -126,7 +126,7 @@ def propose_poses(
         to, of = describe_both(target, source, scale)
         limits = scale_range[0] / scale, scale_range[1] / scale
         for flip in (1.0,) if group == "SO" else (1.0, -1.0):
-            mirrored = of if flip > 0 else of.mirrored()
+            mirrored = of if flip > 0 else of.mirrored
             for one in (
                 (mirrored,)
                 if target.oriented and source.oriented

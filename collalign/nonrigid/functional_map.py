@@ -59,37 +59,51 @@ class FunctionalMap:
     map_source_target: IntArray
 
 
-def mutual_nearest_rows(target: FloatArray, source: FloatArray) -> tuple[IntArray, IntArray]:
-    """Return the nearest target row (n, q) of each source row (k, q), shape (k,), and the reverse, shape (n,).
+class TargetRows:
+    """Rows (n, q) of which the nearest to others are looked for, prepared once for many looks.
 
-    Ties go to the first. Maximises ``-|t - s|^2 / 2``, a product of rows with two more columns, in blocks that fit
-    caches: in thirty and more dimensions that beats any tree. Single precision is enough for rows around the
-    origin, because the functions themselves carry errors of the discretisation.
+    It maximises ``-|t - s|^2 / 2``, a product of rows with two more columns, in blocks that fit caches: in thirty and
+    more dimensions that beats any tree. Single precision is enough for rows around the origin, because the functions
+    themselves carry errors of the discretisation.
     """
-    num = target.shape[1]
-    columns, rows = (
-        np.ones((num + 2, len(target)), dtype=np.float32),
-        np.ones((len(source), num + 2), dtype=np.float32),
-    )
-    columns[:num], rows[:, :num] = target.T, source
-    columns[num] = -0.5 * np.einsum("ij,ij->i", target, target)
-    rows[:, num + 1] = -0.5 * np.einsum("ij,ij->i", source, source)
-    if len(target) * len(source) <= _SMALL_ENTRIES:
-        closeness = rows @ columns
-        return closeness.argmax(axis=1), closeness.argmax(axis=0)
-    forward = np.empty(len(source), dtype=np.int64)
-    backward = np.zeros(len(target), dtype=np.int64)
-    closest = np.full(len(target), -np.inf, dtype=np.float32)
-    buffer: Any = np.empty((_BLOCK_ROWS, len(target)), dtype=np.float32)
-    for first in range(0, len(source), _BLOCK_ROWS):
-        block = rows[first : first + _BLOCK_ROWS]
-        closeness = np.dot(block, columns, out=buffer[: len(block)])
-        forward[first : first + len(block)] = closeness.argmax(axis=1)
-        best = closeness.max(axis=0)
-        nearer = np.flatnonzero(best > closest)
-        backward[nearer] = first + closeness[:, nearer].argmax(axis=0)
-        closest[nearer] = best[nearer]
-    return forward, backward
+
+    def __init__(self, target: FloatArray) -> None:
+        num, dim = target.shape
+        self._columns = np.ones((dim + 2, num), dtype=np.float32)
+        self._columns[:dim] = target.T
+        self._columns[dim] = -0.5 * np.einsum("ij,ij->i", target, target)
+
+    def mutual(self, source: FloatArray) -> tuple[IntArray, IntArray]:
+        """Return the nearest target row of each source row (k, q), shape (k,), and the reverse, shape (n,).
+
+        Ties go to the first.
+        """
+        (num, dim), columns = source.shape, self._columns
+        rows = np.ones((num, dim + 2), dtype=np.float32)
+        rows[:, :dim] = source
+        rows[:, dim + 1] = -0.5 * np.einsum("ij,ij->i", source, source)
+        num_target = columns.shape[1]
+        if num_target * num <= _SMALL_ENTRIES:
+            closeness = rows @ columns
+            return closeness.argmax(axis=1), closeness.argmax(axis=0)
+        forward = np.empty(num, dtype=np.int64)
+        backward = np.zeros(num_target, dtype=np.int64)
+        closest = np.full(num_target, -np.inf, dtype=np.float32)
+        buffer: Any = np.empty((_BLOCK_ROWS, num_target), dtype=np.float32)
+        for first in range(0, num, _BLOCK_ROWS):
+            block = rows[first : first + _BLOCK_ROWS]
+            closeness = np.dot(block, columns, out=buffer[: len(block)])
+            forward[first : first + len(block)] = closeness.argmax(axis=1)
+            best = closeness.max(axis=0)
+            nearer = np.flatnonzero(best > closest)
+            backward[nearer] = first + closeness[:, nearer].argmax(axis=0)
+            closest[nearer] = best[nearer]
+        return forward, backward
+
+
+def mutual_nearest_rows(target: FloatArray, source: FloatArray) -> tuple[IntArray, IntArray]:
+    """Return the nearest target row (n, q) of each source row (k, q), shape (k,), and the reverse, shape (n,)."""
+    return TargetRows(target).mutual(source)
 
 
 class ZoomOut:
@@ -129,11 +143,17 @@ class ZoomOut:
             raise InputError(f"bases of shapes {shapes} do not hold {sizes[-1]} functions each")
         if len(basis_source) + len(basis_target) < 2 * sizes[-1]:
             raise InputError(f"{len(basis_source)} samples are too few for {sizes[-1]} functions")
-        self._target, self._source, self._sizes = basis_target, basis_source, list(sizes)
         none = (np.zeros((len(basis_target), 0)), np.zeros((len(basis_source), 0)))
-        self._extra_target, self._extra_source = (
-            descriptor_weight * x for x in descriptors or none
-        )
+        extra_target, extra_source = (descriptor_weight * x for x in descriptors or none)
+        self._steps = [
+            (
+                target := np.ascontiguousarray(basis_target[:, :size]),
+                np.ascontiguousarray(basis_source[:, :size]),
+                TargetRows(np.hstack([target, np.sqrt(size) * extra_target])),
+                np.sqrt(size) * extra_source,
+            )
+            for size in sizes
+        ]
 
     def refine(
         self, map_target_source: IntArray, map_source_target: IntArray | None = None
@@ -150,17 +170,14 @@ class ZoomOut:
         forward = map_target_source
         backward = map_source_target
         if backward is None:
-            backward = np.full(len(self._target), -1)
-        for size in self._sizes:
-            target, source = self._target[:, :size], self._source[:, :size]
+            backward = np.full(len(self._steps[-1][0]), -1)
+        for target, source, rows, extra in self._steps:
             c = fitted_map(target, source, forward, backward)
-            rows_target = np.hstack([target, np.sqrt(size) * self._extra_target])
-            rows_source = np.hstack([source @ c, np.sqrt(size) * self._extra_source])
-            forward, backward = mutual_nearest_rows(rows_target, rows_source)
-        last = self._sizes[-1]
-        c = fitted_map(self._target[:, :last], self._source[:, :last], forward, backward)
+            forward, backward = rows.mutual(np.hstack([source @ c, extra]))
         return FunctionalMap(
-            C_source_target=c, map_target_source=forward, map_source_target=backward
+            C_source_target=fitted_map(target, source, forward, backward),
+            map_target_source=forward,
+            map_source_target=backward,
         )
 
 
@@ -182,8 +199,10 @@ def fitted_map(
     cost : ndarray, shape (k,), optional
         Of the square of each coefficient, relative to the mean of the squared residuals.
     """
-    known, back = np.flatnonzero(forward >= 0), np.flatnonzero(backward >= 0)
-    at, to = np.concatenate([known, backward[back]]), np.concatenate([forward[known], back])
+    at = np.concatenate([np.arange(len(forward)), backward])
+    to = np.concatenate([forward, np.arange(len(backward))])
+    known = np.minimum(at, to) >= 0
+    at, to = at[known], to[known]
     if len(at) * source.shape[1] <= _FEW_ENTRIES:
         rows = source.take(at, axis=0)
         gram, cross = rows.T @ rows, rows.T @ target.take(to, axis=0)

@@ -12,7 +12,7 @@ of the extent across it fits as well tells front from back.
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 from scipy.sparse.csgraph import dijkstra
@@ -22,7 +22,7 @@ from collalign.confidence.map_model import Evidence
 from collalign.nonrigid.functional_map import FunctionalMap
 from collalign.nonrigid.spectral_shape import NUM_FORM_FUNCTIONS, SpectralShape
 from collalign.nonrigid.tips import edge_net
-from data_tools.arrays import FloatArray, IntArray
+from data_tools.arrays import FloatArray, IntArray, read_only
 
 #: Functions, the constant one included, whose images must be smooth.
 NUM_SMOOTH = 30
@@ -170,9 +170,16 @@ def paired_forms(
     few = min(NUM_FORM_FUNCTIONS, size)
     pull = c_source_target[1 : size + 1, 1 : few + 1]
     used = form_source[:, : len(pull), : len(pull)].reshape(len(form_source), -1)
-    a, b = np.triu_indices(few, 1)
+    a, b = _every_two(few)
     pulled = used @ (pull[:, None, a] * pull[:, b]).reshape(-1, len(a))
     return form_target[:, a, b], sign * pulled
+
+
+@cache
+def _every_two(num: int) -> tuple[IntArray, IntArray]:
+    """Return every two of so many functions, each (p,)."""
+    first, second = np.triu_indices(num, 1)
+    return read_only(first), read_only(second)
 
 
 def _curvature_gap(of_target: FloatArray, of_source: FloatArray) -> float:

@@ -18,7 +18,7 @@ from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 from collalign.confidence.map_model import Evidence
-from collalign.nonrigid.functional_map import FunctionalMap, mutual_nearest_rows
+from collalign.nonrigid.functional_map import FunctionalMap, TargetRows
 from collalign.nonrigid.map_evidence import measure_evidence
 from collalign.nonrigid.refine import Refiner, unit_rows
 from collalign.nonrigid.spectral_shape import (
@@ -214,7 +214,9 @@ class PoseMapper:
     def __init__(self, target: PosedSurface, source: PosedSurface) -> None:
         self.target, self.source = target, source
         self._refiner = Refiner(target.spectral, source.spectral, first=FIRST_SIZE, factor=GROWTH)
-        self._features = _start_features(target, np.eye(3))
+        self._starts = TargetRows(_start_features(target, np.eye(3)))
+        self._facing = np.hstack([target.points, SURFACE_NORMAL_WEIGHT * target.normals])
+        self._near = TargetRows(self._facing)
 
     def map_from(self, R_target_source: FloatArray) -> FunctionalMap:
         """Return the map that closest points at a pose (3, 3), of either determinant, lead to."""
@@ -222,7 +224,7 @@ class PoseMapper:
 
     def closest_points(self, R_target_source: FloatArray) -> tuple[IntArray, IntArray]:
         """Return the maps of the samples, (k,) and (n,), by closest points at a pose (3, 3)."""
-        return mutual_nearest_rows(self._features, _start_features(self.source, R_target_source))
+        return self._starts.mutual(_start_features(self.source, R_target_source))
 
     def maps_from_signs(self, num: int = NUM_SIGN_MAPS) -> list[FunctionalMap]:
         """Return the maps that signs of the lowest eigenfunctions lead to, those that fit best at the start.
@@ -239,15 +241,21 @@ class PoseMapper:
             )
             for one in (self.target, self.source)
         )
-        unsigned, starts = cdist(target, source, "sqeuclidean"), []
-        rows, columns = np.arange(len(target)), np.arange(len(source))
-        for flips in product((0.0, 4.0), repeat=NUM_SIGNS):  # |t + s|^2 = |t - s|^2 + 4 t s
-            gaps = unsigned + (target[:, :NUM_SIGNS] * flips) @ source[:, :NUM_SIGNS].T
-            there, back = gaps.argmin(axis=0), gaps.argmin(axis=1)
-            loss = gaps[there, columns].mean() + gaps[rows, back].mean()
-            starts.append((loss, there, back))
-        best = sorted(range(len(starts)), key=lambda i: starts[i][0])[:num]
-        return [self._refiner.zoomout.refine(*starts[i][1:]) for i in best]
+        unsigned, signed = cdist(target, source, "sqeuclidean"), 4.0 * target[:, :NUM_SIGNS]
+
+        def gaps_of(flips: tuple[float, ...]) -> FloatArray:
+            # |t + s|^2 = |t - s|^2 + 4 t s
+            return np.asarray(unsigned + (signed * flips) @ source[:, :NUM_SIGNS].T)
+
+        def loss_of(flips: tuple[float, ...]) -> float:
+            gaps = gaps_of(flips)
+            return float(gaps.min(axis=0).mean() + gaps.min(axis=1).mean())
+
+        best = sorted(product((0.0, 1.0), repeat=NUM_SIGNS), key=loss_of)[:num]
+        return [
+            self._refiner.zoomout.refine(gaps.argmin(axis=0), gaps.argmin(axis=1))
+            for gaps in map(gaps_of, best)
+        ]
 
     def oriented(self, found: FunctionalMap, *, preserving: bool) -> FunctionalMap:
         """Return the map that keeps the orientation of the surfaces, or reverses it, which a map leads to."""
@@ -259,12 +267,11 @@ class PoseMapper:
 
     def surface_gap(self, R_target_source: FloatArray) -> float:
         """Return the mean squared distance of closest points and normals at a pose (3, 3), both ways."""
-        rotation, source = R_target_source.T, self.source
-        fixed = np.hstack([self.target.points, SURFACE_NORMAL_WEIGHT * self.target.normals])
+        rotation, source, fixed = R_target_source.T, self.source, self._facing
         moved = np.hstack(
             [source.points @ rotation, SURFACE_NORMAL_WEIGHT * source.normals @ rotation]
         )
-        there, back = mutual_nearest_rows(fixed, moved)
+        there, back = self._near.mutual(moved)
         gaps = np.concatenate([fixed[there] - moved, fixed - moved[back]])
         return float((gaps**2).sum(axis=1).mean())
 

@@ -20,13 +20,12 @@ from collalign.output.library_objects import open3d_of, trimesh_of
 from collalign.output.members import Selection, select_right
 from collalign.output.methods.paragraph import methods_paragraph
 from collalign.output.report.page import report_pages, write_report
-from collalign.output.views import FEWEST_FACES, contact_sheet, display_mesh, tile_of
+from collalign.output.views import FEWEST_FACES, contact_sheet, display_mesh, figure_of, tile_of
 from collalign.output.write import WRITER, save_collection
 from collalign.products.named_frame import NamedFrame
 from data_tools.arrays import IntArray
 from data_tools.checks import check_choice
 from data_tools.errors import CollalignError
-from data_tools.html_pages import new_figure
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.source import inputs_of
 from data_tools.io.temporary import TemporaryFolder
@@ -35,8 +34,6 @@ from data_tools.surface.shape import Shape
 
 #: Shapes that a notebook shows by itself.
 _MOST_IN_NOTEBOOK = 12
-#: Pixels of an inch of a figure.
-_DPI = 100
 #: Where reports of results that are not saved lie while this process lasts: a browser may show them.
 _SHOWN: list[TemporaryFolder] = []
 
@@ -102,12 +99,7 @@ def pictured(collection: CollectionData, chosen: Iterable[int]) -> Any:
     tiles = (
         tile_of(collection.shape_at(at), transforms[at], float(confidence[at])) for at in chosen
     )
-    sheet = contact_sheet(tiles, NamedFrame.of(collection.options))
-    figure = new_figure(figsize=(sheet.width / _DPI, sheet.height / _DPI), dpi=_DPI)
-    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    axes.set_axis_off()
-    axes.imshow(np.asarray(sheet))
-    return figure
+    return figure_of(contact_sheet(tiles, NamedFrame.of(collection.options)))
 
 
 def _part(collection: CollectionData, chosen: IntArray) -> CollectionData:

@@ -12,6 +12,7 @@ import numpy as np
 from collalign.products.named_frame import NamedFrame
 from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray, IntArray
+from data_tools.html_pages import new_figure
 from data_tools.notes import percent
 from data_tools.poses import moved_by
 from data_tools.surface.cleaning import decimate
@@ -141,6 +142,7 @@ def display_mesh(
 
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from PIL.Image import Image
     from PIL.ImageFont import FreeTypeFont
 
@@ -159,6 +161,10 @@ _ROW_HEIGHT, _PANEL_MARGIN = 1.2, 0.03
 _RIGHT = np.array([1.0, 0.0])
 #: Half the time of the usual level, for 4 % more bytes.
 _PNG = {"compress_level": 3}
+#: Pixels of an inch of a figure.
+_DPI = 100
+#: Stops of viridis, as on the pages of a report.
+_VIRIDIS = bytes.fromhex("440154 482878 3e4989 31688e 26828e 1f9e89 35b779 6ece58 b5de2b fde725")
 #: A shape as it is seen, the farthest first: corners of triangles (f, 3, 2) or points (v, 2), and their colours.
 Panel: TypeAlias = tuple[FloatArray, FloatArray]
 
@@ -183,7 +189,28 @@ def tile_of(shape: Shape, transform: FloatArray, confidence: float) -> Tile:
 
 def write_contact_sheet(path: Path, tiles: Iterable[Tile], frame: NamedFrame = UNNAMED) -> None:
     """Draw the picture of all tiles and write it as PNG."""
-    contact_sheet(tiles, frame).save(path, format="png", **_PNG)
+    write_picture(path, contact_sheet(tiles, frame))
+
+
+def write_picture(path: Path, picture: Image) -> None:
+    """Write a picture as PNG."""
+    picture.save(path, format="png", **_PNG)
+
+
+def figure_of(picture: Image) -> Figure:
+    """Return a picture as a figure of Matplotlib, which notebooks show."""
+    figure = new_figure(figsize=(picture.width / _DPI, picture.height / _DPI), dpi=_DPI)
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set_axis_off()
+    axes.imshow(np.asarray(picture))
+    return figure
+
+
+def viridis(shares: FloatArray) -> FloatArray:
+    """Return colours in [0, 1], shape (n, 3), of shares in [0, 1], shape (n,), dark blue to yellow."""
+    stops = np.frombuffer(_VIRIDIS, dtype=np.uint8).reshape(-1, 3) / 255.0
+    places = np.linspace(0.0, 1.0, len(stops))
+    return np.stack([np.interp(shares, places, channel) for channel in stops.T], axis=1)
 
 
 def contact_sheet(tiles: Iterable[Tile], frame: NamedFrame = UNNAMED) -> Image:
@@ -208,7 +235,7 @@ def contact_sheet(tiles: Iterable[Tile], frame: NamedFrame = UNNAMED) -> Image:
         flipped = bool(np.linalg.det(linear) < 0)
         panels.append(seen_panel(moved, shape.faces, corner + _RIGHT, BONE_COLOUR, flipped=flipped))
     sheet = painted(panels, (2.0 * columns, height), _CELL)
-    pen, font = Draw(sheet), _font()
+    pen, font = Draw(sheet), font_of(_WORDS)
     for (shape, _, confidence), (left, low) in zip(tiles, corners, strict=True):
         bottom = _CELL * (height - low - 1.0)
         pen.text((_CELL * (left + _PANEL_MARGIN), bottom), shape.name, "black", font, "ls")
@@ -219,15 +246,18 @@ def contact_sheet(tiles: Iterable[Tile], frame: NamedFrame = UNNAMED) -> Image:
     return sheet
 
 
-def _font() -> FreeTypeFont:
-    """Return the font of Matplotlib, which has the letters of more languages than Pillow's, without importing it."""
+def font_of(height: float) -> FreeTypeFont:
+    """Return the font of Matplotlib, which has the letters of more languages than Pillow's, without importing it.
+
+    The height of its words is in pixels.
+    """
     from PIL.ImageFont import truetype
 
     place = find_spec("matplotlib")
     assert place is not None
     assert place.origin is not None
     fonts = Path(place.origin).parent / "mpl-data" / "fonts" / "ttf"
-    return truetype(fonts / "DejaVuSans.ttf", _WORDS)
+    return truetype(fonts / "DejaVuSans.ttf", height)
 
 
 def seen_panel(

@@ -93,7 +93,7 @@ def _settled(fixed: _Surface, moving: _Surface, rotation: FloatArray) -> FloatAr
     """Return the rotation after some steps of closest points, both ways, and Procrustes about the centroid."""
     determinant = float(np.sign(np.linalg.det(rotation)))
     for _ in range(NUM_STEPS):
-        gaps = next(point_gaps(fixed, moving, rotation[None]))
+        gaps = next(point_gaps(fixed, moving, rotation[None]))[0]
         there, back = gaps.argmin(axis=0), gaps.argmin(axis=1)
         cross = fixed[0][there].T @ moving[0] + fixed[0].T @ moving[0][back]
         rotation = nearest_orthogonal(cross, determinant=determinant)

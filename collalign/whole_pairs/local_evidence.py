@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from data_tools.arrays import FloatArray, read_only
+from data_tools.arrays import CACHED_ENTRIES, FloatArray, read_only
 from data_tools.embedding.embedding import Samples
 from data_tools.poses import SAME_DEG, Similarity, keep_apart
 from pairwise.features.overlap import closeness, match_overlapping
@@ -47,7 +47,7 @@ def local_evidence(
     ):
         chosen = are_proper == proper
         if chosen.any():
-            of = source.local.mirrored() if other is None else other
+            of = source.local.mirrored if other is None else other
             flipped = space[chosen] * flip
             shares, costs = closeness(
                 target.local, of, flipped, np.zeros((len(flipped), 3)), num_points=num_points
@@ -71,7 +71,7 @@ def rigid_overlap(target: Samples, source: Samples, rotations: FloatArray) -> fl
         return most
     for rotation in rotations[:, :3, :3]:
         flip = np.array([np.sign(np.linalg.det(rotation)), 1.0, 1.0])
-        other = source.local if flip[0] > 0 else source.local.mirrored()
+        other = source.local if flip[0] > 0 else source.local.mirrored
         start = Similarity.rigid((rotation * flip)[None], np.zeros((1, 3)))
         pose = refine_on_planes(target.local, other, start)
         overlaps = closeness(target.local, other, pose.rotation, pose.shift)[0]
@@ -105,11 +105,11 @@ def surface_gap(
     rotations: FloatArray,
 ) -> FloatArray:
     """Return the mean squared distances of closest points both ways at rotations (m, 3, 3), shape (m,)."""
-    each = (
-        0.5 * (gaps.min(axis=0).mean() + gaps.min(axis=1).mean())
+    both_ways = [
+        0.5 * (gaps.min(axis=1).mean(axis=1) + gaps.min(axis=2).mean(axis=1))
         for gaps in point_gaps(target, source, rotations)
-    )
-    return np.maximum(np.fromiter(each, dtype=np.float64, count=len(rotations)), 0.0)
+    ]
+    return np.maximum(np.concatenate([np.empty(0), *both_ways]), 0.0)
 
 
 def point_gaps(
@@ -117,18 +117,22 @@ def point_gaps(
     source: tuple[FloatArray, FloatArray],
     rotations: FloatArray,
 ) -> Iterator[FloatArray]:
-    """Yield |t|^2 - 2 ts + |s|^2, shape (n, k), of points (n, 3), (k, 3) and normals at each rotation (p, 3, 3).
+    """Yield |t|^2 - 2 ts + |s|^2 of points (n, 3), (k, 3) and normals at rotations (p, 3, 3), some at a time.
 
-    Each is written over the one before.
+    Each is of shape (some, n, k), as large as fits the cache, and written over the one before.
     """
     num = 2 if len(target[1]) > 0 < len(source[1]) else 1
     to, of = (np.hstack([p, NORMAL_WEIGHT * n][:num]) for p, n in (target, source))
     left = np.column_stack([-2.0 * to, (to**2).sum(axis=1), np.ones(len(to))])
-    right = np.vstack([of.T, np.ones(len(of)), (of**2).sum(axis=1)])
-    columns, gaps = of.T.reshape(num, 3, -1), np.empty((len(to), len(of)))
-    for rotation in rotations:
-        right[:-2] = (rotation @ columns).reshape(3 * num, -1)
-        yield np.matmul(left, right, out=gaps)
+    right = np.empty((len(rotations), 3 * num + 2, len(of)))
+    turned = rotations[:, None] @ of.T.reshape(num, 3, -1)
+    right[:, :-2] = turned.reshape(len(rotations), 3 * num, -1)
+    right[:, -2:] = np.ones(len(of)), (of**2).sum(axis=1)
+    some = max(1, CACHED_ENTRIES // (len(to) * len(of)))
+    gaps = np.empty((some, len(to), len(of)))
+    for first in range(0, len(rotations), some):
+        each = right[first : first + some]
+        yield np.matmul(left, each, out=gaps[: len(each)])
 
 
 def surface_points(samples: Samples, *, first: int) -> tuple[FloatArray, FloatArray]:

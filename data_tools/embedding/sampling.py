@@ -111,8 +111,9 @@ def _choose(
                 f"{shape.file or shape.name}: only {step} distinct points, {num} samples were asked for"
             )
         chosen[step] = index
-        np.minimum(nearest, distance_from(index), out=nearest)
-        nearest[index] = 0.0
+        if step + 1 < num:
+            np.minimum(nearest, distance_from(index), out=nearest)
+            nearest[index] = 0.0
     return chosen
 
 

@@ -57,8 +57,9 @@ _ABOUT = f"""
 CPU time (user and system) of what users run, each run in a process of its own with one thread: imports count, and
 reading and writing files. Other tools get the same files and one thread. They end with rotations and write nothing.
 Figures are medians of {NUM_RUNS} runs, one after the other. Other work on the machine makes CPU time up to 30 %
-longer, so compare lines of one run only. *Memory* is the largest of a process and its workers. *Gross* are the pairs
-off by more than {GROSS_DEG:.0f} degrees or of the wrong side: a faster answer that differs is another answer.
+longer, so compare lines of one run only. Modules are compiled once, as installers compile them. *Memory* is the
+largest of a process and its workers. *Gross* are the pairs off by more than {GROSS_DEG:.0f} degrees or of the wrong
+side: a faster answer that differs is another answer.
 
 * `align` runs with default options and one worker.
 * `transfer` carries {NUM_MARKS} landmarks of each of {NUM_CARRIED} skulls to all others. `variation` takes 50 skulls.
@@ -99,6 +100,7 @@ def run_fresh(command: Iterable[str], *, threads: int | None = 1) -> Spent:
         for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")
         if threads is not None
     }
+    limits["PYTHONDONTWRITEBYTECODE"] = ""  # what is installed has its bytecode beside it
     with tempfile.TemporaryFile() as said:
         began_s = time.perf_counter()
         process = subprocess.Popen(

@@ -62,9 +62,10 @@ class TwoScales(NamedTuple):
     coarse: LocalSurface
     fine: LocalSurface
 
+    @property
     def mirrored(self) -> TwoScales:
-        """Return the mirror image in the plane x = 0."""
-        return TwoScales(self.coarse.mirrored(), self.fine.mirrored())
+        """The mirror image in the plane x = 0."""
+        return TwoScales(self.coarse.mirrored, self.fine.mirrored)
 
     def seen_from_behind(self) -> TwoScales:
         """Return the surface as what is on its other side would have seen it."""
@@ -109,7 +110,7 @@ def match_on_whole(
     check_choice("group", group, ("SO", "O"))
     sides = (part,) if side_known else (part, part.seen_from_behind())
     found = [
-        _refined(whole, side.mirrored() if flip < 0 else side, flip, num_candidates)
+        _refined(whole, side.mirrored if flip < 0 else side, flip, num_candidates)
         for side in sides
         for flip in ((1.0,) if group == "SO" else (1.0, -1.0))
     ]
@@ -227,7 +228,7 @@ def _few_score(
     few, back = part.few(num_points), np.swapaxes(rotations, 1, 2)
     placed = part.points[few] @ back + shifts[:, None]
     squares, _ = nearest_facing(
-        (whole.points, whole.normals),
+        whole,
         (placed.reshape(-1, 3), (part.normals[few] @ back).reshape(-1, 3)),
         reach=near[0] * max(whole.cell, part.cell),
         cosine=near[1],

@@ -157,7 +157,7 @@ def evaluate_poses(
     for flip in (1.0, -1.0):
         chosen = np.flatnonzero(proper == (flip > 0))
         if len(chosen):
-            other = source if flip > 0 else source.mirrored()
+            other = source if flip > 0 else source.mirrored
             of_pair = matches or match_features(feature_distances(target.features, other.features))
             poses = Similarity.rigid(rotations[chosen] * [flip, 1.0, 1.0], shifts[chosen])
             evidence[chosen] = _evidence(target, other, poses, of_pair, num_points=num_points)
@@ -211,7 +211,7 @@ def match_overlapping(
     cell = max(target.cell, source.cell)
     rotations, shifts, evidence = [], [], []
     for flip in (1.0,) if group == "SO" else (1.0, -1.0):
-        other = source if flip > 0 else source.mirrored()
+        other = source if flip > 0 else source.mirrored
         matches = match_features(feature_distances(target.features, other.features))
         starts = zip(
             consensus_poses(target, other, matches, num_candidates),
@@ -323,7 +323,7 @@ def closeness(
         back = np.swapaxes(matrices, 1, 2)
         placed = points @ back + moves[:, None]
         found = nearest_facing(
-            (others.points, others.normals),
+            others,
             (placed.reshape(-1, 3), (normals @ back).reshape(-1, 3)),
             reach=COMPARED_CELLS * cell,
             cosine=PARTNER_COSINE,

@@ -8,17 +8,50 @@ long.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray
+from data_tools.local_surface import SurfacePlanes
 
 #: Cells of the grid along its longest side, at most.
 _MOST_CELLS = 100
 
 
+class FacingGrid(NamedTuple):
+    """Points and normals of a surface, (n, 6), in the order of the cells of a grid, made once for many looks.
+
+    ``starts`` are those of the cells, ``sizes`` their numbers along each axis, ``low`` and ``side`` (a float) say
+    where they are, and ``order`` (n,) which points the rows are.
+    """
+
+    rows: FloatArray
+    order: IntArray
+    starts: IntArray
+    sizes: IntArray
+    low: FloatArray
+    side: float
+
+    @classmethod
+    def of(cls, surface: SurfacePlanes, reach: float) -> FacingGrid:
+        """Return the grid of a surface whose cells are at least as large as what is looked for is far."""
+        points = surface.points
+        low, extent = points.min(axis=0), np.ptp(points, axis=0)
+        side = max(reach, float(extent.max()) / _MOST_CELLS)
+        # With an empty layer on every side each cell that holds a point has all its neighbours.
+        sizes = np.floor(extent / side).astype(np.int64) + 3
+        x, y, z = np.floor((points - low) / side).astype(np.int64).T + 1
+        cells = (x * sizes[1] + y) * sizes[2] + z
+        order = np.argsort(cells, kind="stable")
+        starts = np.zeros(sizes.prod() + 1, dtype=np.int64)
+        np.cumsum(np.bincount(cells, minlength=len(starts) - 1), out=starts[1:])
+        return cls(np.hstack([points, surface.normals])[order], order, starts, sizes, low, side)
+
+
 def nearest_facing(
-    others: tuple[FloatArray, FloatArray],
+    others: SurfacePlanes,
     own: tuple[FloatArray, FloatArray],
     *,
     reach: float,
@@ -28,35 +61,29 @@ def nearest_facing(
 
     Parameters
     ----------
-    others, own : pair of ndarray, shapes (n, 3) and (q, 3) each
+    others : SurfacePlanes
+    own : pair of ndarray, shapes (q, 3)
         Points and unit normals.
     reach : float
         What is farther away is not found: the distance is then infinite, and the index says nothing.
     cosine : float
         Normals agree if the cosine between them is above this.
     """
-    points, normals = others
-    low, extent = points.min(axis=0), np.ptp(points, axis=0)
-    side = max(reach, float(extent.max()) / _MOST_CELLS)
-    # With an empty layer on every side each cell that holds a point has all its neighbours.
-    sizes = np.floor(extent / side).astype(np.int64) + 3
-    x, y, z = np.floor((points - low) / side).astype(np.int64).T + 1
-    cells = (x * sizes[1] + y) * sizes[2] + z
-    order = np.argsort(cells, kind="stable")
-    starts = np.zeros(sizes.prod() + 1, dtype=np.int64)
-    np.cumsum(np.bincount(cells, minlength=len(starts) - 1), out=starts[1:])
+    grid = others.kept.get(reach)
+    if grid is None:
+        grid = others.kept[reach] = FacingGrid.of(others, reach)
     squares, nearest = np.full(len(own[0]), np.inf), np.zeros(len(own[0]), dtype=np.int64)
     _look(
-        np.hstack([points, normals])[order],
-        starts,
-        sizes,
-        (own[0] - low) / side + 1.0,
+        grid.rows,
+        grid.starts,
+        grid.sizes,
+        (own[0] - grid.low) / grid.side + 1.0,
         np.hstack(own),
-        np.array([reach**2, cosine, side**2]),
+        np.array([reach**2, cosine, grid.side**2]),
         squares,
         nearest,
     )
-    return squares, order[nearest]
+    return squares, grid.order[nearest]
 
 
 @numba.njit(cache=True)

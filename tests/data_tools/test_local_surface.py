@@ -14,14 +14,14 @@ def test_a_mirrored_surface_has_the_descriptors_of_the_mirrored_points():
     flip = np.array([-1.0, 1.0, 1.0])
     surface = LocalSurface.from_user(points, normals, 0.14)
     mirrored, again = (
-        surface.mirrored(),
+        surface.mirrored,
         LocalSurface.from_user(points * flip, normals * flip, 0.14),
     )
     np.testing.assert_array_equal(mirrored.points, again.points)
     np.testing.assert_array_equal(mirrored.normals, again.normals)
     np.testing.assert_allclose(mirrored.features, again.features, atol=1e-6)
     assert np.abs(mirrored.features - surface.features).max() > 0.05
-    np.testing.assert_array_equal(mirrored.mirrored().histograms, surface.histograms)
+    np.testing.assert_array_equal(mirrored.mirrored.histograms, surface.histograms)
 
 
 def test_descriptors_are_unit_vectors_near_the_roots_of_the_histograms():

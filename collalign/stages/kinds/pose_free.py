@@ -50,7 +50,7 @@ def kind_descriptors(samples: Sequence[Samples]) -> KindDescriptors | None:
 
 def shell_means(surface: LocalSurface) -> FloatArray:
     """Return the mean features of neighbourhoods in shells around the centroid, shape (33 * NUM_SHELLS,)."""
-    features = 0.5 * (surface.features + surface.mirrored().features)
+    features = 0.5 * (surface.features + surface.mirrored.features)
     order = np.argsort(np.linalg.norm(surface.points, axis=1), kind="stable")
     shells = np.array_split(order, NUM_SHELLS)
     means = [features[of].mean(axis=0, dtype=np.float64) for of in shells]

@@ -53,8 +53,10 @@ def block_margins(rises: FloatArray, costs: FloatArray) -> FloatArray:
         margin = min(side[RISE] / side[COUNT] for side in (there, back) if side[COUNT])
         if within[COUNT]:
             margin -= max(between[COST] / between[COUNT] - within[COST] / within[COUNT], 0.0)
-        for side in (block, np.setdiff1d(np.arange(num), block, assume_unique=True)):
-            if 2 * len(side) <= num:
+        is_inside = np.zeros(num, dtype=np.bool_)
+        is_inside[block] = True
+        for side in (is_inside, ~is_inside):
+            if 2 * side.sum() <= num:
                 margins[side] = np.minimum(margins[side], margin)
     return margins
 

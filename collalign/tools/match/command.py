@@ -19,12 +19,13 @@ from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.spectral_shape import prepare_surface
 from collalign.options import TwoShapeOptions
 from collalign.output.vertex_maps import at_vertices
+from collalign.output.views import write_picture
 from collalign.products.shapes import free_rotation
 from collalign.products.trust import DOUBT
 from collalign.template_landmarks.on_surface import place_templates
 from collalign.template_landmarks.templates import read_templates, shape_of
 from collalign.tools.match.nonrigid import NonrigidMatch, match_prepared
-from collalign.tools.match.pictures import match_figure, transferred_colours, vertices_map
+from collalign.tools.match.pictures import match_picture, transferred_colours, vertices_map
 from collalign.wording import note_records, note_text
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError, OptionsError
@@ -70,8 +71,8 @@ def stage_match(
     found.stage(output)
     point_map = vertices_map(found.point_map_target_source, left, right)
     confidence = at_vertices(np.append(found.vertex_confidence, np.nan), right)
-    figure = match_figure(left, right, point_map, confidence, title=found.summary)
-    output.stage_picture(figure, "map.png")
+    picture = match_picture(left, right, point_map, confidence, title=found.summary)
+    write_picture(output.stage("map.png"), picture)
     of_target, of_source = transferred_colours(left, point_map)
     _write_coloured(output.stage("map_target.ply"), left, of_target)
     _write_coloured(output.stage("map_source.ply"), right, of_source, confidence=confidence)
@@ -286,7 +287,7 @@ def _write_rigid(
         output.stage_text(json.dumps(found.record(), indent=1), "match.json")
         left, right = read_alike((target, source), cleaning)
         nearest = cKDTree(left.vertices).query(right.transformed(found.transform).vertices)[1]
-        output.stage_picture(match_figure(left, right, nearest), "match.png")
+        write_picture(output.stage("match.png"), match_picture(left, right, nearest))
         say_files(output.publish())
 
 

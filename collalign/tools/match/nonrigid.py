@@ -137,13 +137,15 @@ class NonrigidMatch:
         target, source : as in :func:`collalign.maps.match_shapes`
             The shapes that were matched.
         """
-        from collalign.tools.match.pictures import match_figure, vertices_map
+        from collalign.output.views import figure_of
+        from collalign.tools.match.pictures import match_picture, vertices_map
 
         left = read_shape(as_origin(target, self.target_name), AS_STORED, name=self.target_name)
         right = read_shape(as_origin(source, self.source_name), AS_STORED, name=self.source_name)
         point_map = vertices_map(self.point_map_target_source, left, right)
         confidence = at_vertices(np.append(self.vertex_confidence, np.nan), right)
-        return match_figure(left, right, point_map, confidence, title=self.summary)
+        picture = match_picture(left, right, point_map, confidence, title=self.summary)
+        return figure_of(picture)
 
     def save(self, folder: Path | str) -> tuple[Path, ...]:
         """Write the files of :meth:`stage` in the place of those of an earlier map, each complete or not at all.

@@ -7,19 +7,30 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
-from collalign.output.views import camera, display_mesh, draw_panels, principal_view, seen_panel
+from collalign.output.views import (
+    camera,
+    display_mesh,
+    font_of,
+    painted,
+    principal_view,
+    seen_panel,
+    viridis,
+)
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
-from data_tools.html_pages import new_figure
 from data_tools.rotations import nearest_orthogonal
 from data_tools.surface.shape import Shape
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from PIL.Image import Image
 
 _GREY = np.full(3, 0.6)
-#: Triangles of a mesh that are drawn, about; a panel has some 300 pixels a side.
+#: Triangles of a mesh that are drawn, about.
 _MOST_FACES_DRAWN = 10_000
+#: Pixels of a panel's side, and of the heights of the title and of other words.
+_PANEL, _TITLE, _WORDS = 290, 22.0, 15.0
+#: In panels: of the picture, of the base line of the words above a panel, and of the middle of the title.
+_HEIGHT, _ABOVE, _TOP = 1.35, 1.05, 1.25
 #: Half turn about the vertical axis of the picture.
 _FROM_BEHIND = np.diag([-1.0, 1.0, -1.0])
 
@@ -67,14 +78,14 @@ def transferred_colours(
     return colours, np.where((point_map_target_source >= 0)[:, None], colours[images], _GREY)
 
 
-def match_figure(
+def match_picture(
     target: Shape,
     source: Shape,
     point_map_target_source: IntArray,
     confidence: FloatArray | None = None,
     *,
     title: str = "",
-) -> Figure:
+) -> Image:
     """Draw target and source from the front and from behind, coloured by the map, and the source by its confidence.
 
     Parameters
@@ -86,6 +97,8 @@ def match_figure(
         Of the image of each vertex of the source; NaN is grey.
     title : str
     """
+    from PIL.ImageDraw import Draw
+
     of_target, of_source = transferred_colours(target, point_map_target_source)
     view = camera([(target.vertices, target.faces)])
     matched = np.flatnonzero(point_map_target_source >= 0)
@@ -99,23 +112,21 @@ def match_figure(
         shown.append(
             (source, _confidence_colours(confidence), rotated, "confidence: dark 0, yellow 1")
         )
-    size = (2.0 * len(shown), 1.2)
-    figure = new_figure(figsize=(2.25 * size[0], 2.25 * size[1] + 0.4), dpi=130)
-    axes = figure.add_axes(
-        (0.0, 0.0, 1.0, 0.9), xlim=(0.0, size[0]), ylim=(0.0, size[1]), aspect="equal"
-    )
-    axes.set_title(title, parse_math=False)
-    axes.set_axis_off()
-    panels = []
+    size = (2.0 * len(shown), _HEIGHT)
+    panels, words = [], []
     for column, (shape, of_vertices, frame, name) in enumerate(shown):
         vertices, faces, colours = _drawn(shape, of_vertices)
         for place, behind in enumerate((np.eye(3), _FROM_BEHIND)):
             corner = np.array([2.0 * column + place, 0.0])
             panels.append(seen_panel(vertices @ (behind @ frame).T, faces, corner, colours))
-            words = "from behind" if place else name
-            axes.text(corner[0], 1.05, words, fontsize="small", parse_math=False)
-    draw_panels(axes, panels)
-    return figure
+            words.append((corner[0], "from behind" if place else name))
+    picture = painted(panels, size, _PANEL)
+    pen, font = Draw(picture), font_of(_WORDS)
+    for left, said in words:
+        pen.text((_PANEL * left, _PANEL * (_HEIGHT - _ABOVE)), said, "black", font, "ls")
+    middle = (0.5 * picture.width, _PANEL * (_HEIGHT - _TOP))
+    pen.text(middle, title, "black", font_of(_TITLE), "mm")
+    return picture
 
 
 def _drawn(shape: Shape, colours: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
@@ -127,9 +138,7 @@ def _drawn(shape: Shape, colours: FloatArray) -> tuple[FloatArray, IntArray, Flo
 
 
 def _confidence_colours(confidence: FloatArray) -> FloatArray:
-    from matplotlib import colormaps
-
-    colours = np.asarray(colormaps["viridis"](np.nan_to_num(confidence)))[:, :3]
+    colours = viridis(np.nan_to_num(confidence))
     return np.where(np.isnan(confidence)[:, None], _GREY, colours)
 
 

@@ -8,7 +8,7 @@ import pytest
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.spectral_shape import prepare_surface
 from collalign.tools.match.nonrigid import match_prepared, match_shapes
-from collalign.tools.match.pictures import match_figure, transferred_colours, vertices_map
+from collalign.tools.match.pictures import match_picture, transferred_colours, vertices_map
 from data_tools.datasets.synthetic import bent, mirrored, point_cloud, shuffled
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.errors import InputError, OptionsError
@@ -147,7 +147,11 @@ def test_pictures_colour_both_shapes_alike(pair):
     assert np.array_equal(of_source[5:], of_target[truth[5:]])
     assert np.ptp(of_source[:5]) == 0.0
     assert 0.0 <= of_target.min() <= of_target.max() <= 1.0
-    assert match_figure(target, source, images).axes[0].texts
+    pixels = np.asarray(match_picture(target, source, images, np.linspace(0, 1, len(truth))))
+    panels = pixels[-290:].reshape(290, 6, 290, 3).transpose(1, 0, 2, 3)
+    assert (panels.min(axis=(1, 2, 3)) < 200).all(), "both shapes and the confidence, twice each"
+    assert (pixels[:-290].min(axis=2) < 100).any(), "words above the panels"
+    assert pixels[:-290].std(axis=2).max() == 0.0, "and nothing in colour"
     with pytest.raises(InputError, match="names vertex"):
         transferred_colours(target, truth + 1)
 

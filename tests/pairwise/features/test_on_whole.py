@@ -54,7 +54,7 @@ def test_mirror_images_are_found_where_they_are_allowed():
     rng = np.random.default_rng(1)
     whole, part = model_and_view(blob(rng, num_vertices=2000), [1.0, 0.3, 0.2], rng)
     assert (np.linalg.det(match_on_whole(whole, part).rotations) > 0).all()
-    found = match_on_whole(whole, part.mirrored(), group="O")
+    found = match_on_whole(whole, part.mirrored, group="O")
     assert np.linalg.det(found.rotations[0]) < 0
     assert pose_angle_deg(found.rotations[0] * [-1.0, 1.0, 1.0], TURN) < 3
 

@@ -75,7 +75,7 @@ def test_only_what_was_seen_from_one_direction_contradicts(whole, views):
         assert not np.isnan(shares[0, 0])
         assert np.isnan(shares[0, 1])
     mirror = np.diag([-1.0, 1.0, 1.0])[None]
-    image = views[0].mirrored()
+    image = views[0].mirrored
     judged = evaluate_poses(image, views[0], mirror, shifts)
     assert judged.in_front.max() < 0.01
     assert judged.beside.max() < 0.01
