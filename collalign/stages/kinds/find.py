@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from collalign.confidence.kind_model import LEAST_FREE_SPLIT, kin_log_odds, part_log_odds
-from collalign.options import MAX_ROUNDS, AlignSession
+from collalign.options import AlignSession
 from collalign.products.shapes import Shapes
 from collalign.stages.choose_pairs import normalised
 from collalign.stages.incomplete.parts import match_pairs_in_part
@@ -105,20 +105,13 @@ def find_kinds(
     )
     edges = likely_kin(free, NUM_NEAR)
     evidence.add(least_mismatches(session, shapes, edges, session.options.group))
-    looked_at = set[tuple[int, int]]()
-    for _ in range(MAX_ROUNDS):
-        found = (
-            group_into(log_odds, num, known=known) if num else group_shapes(log_odds, known=known)
-        )
-        edges = sorted({*_across(found, log_odds)} - looked_at)
-        if found.num == 1 or not edges:
-            break
+    found = evidence.groups(num, known)
+    if found.num > 1:
+        edges = _across(found, log_odds)
         second_group = "SO" if session.options.group == "SO" else "O"
         evidence.add(least_mismatches(session, shapes, edges, second_group))
         evidence.add_parts(least_as_parts(session, shapes, edges, second_group))
-        looked_at |= {*edges}
-    if not num:
-        found = group_shapes(log_odds, known=known, never_apart=evidence.are_parts)
+        found = evidence.groups(num, known)
     was_mixed = known is not None and known.max() > 0
     if found.num == 1 or not (num or was_mixed or _is_mixed(found)):
         return None
@@ -155,16 +148,19 @@ class _Evidence:
     distances: tuple[FloatArray, FloatArray]
     log_odds: FloatArray
     are_parts: BoolArray
-    matched: set[tuple[int, int]] = field(default_factory=set)
+
+    def groups(self, num: int, known: IntArray | None) -> Grouping:
+        """Return as many groups as asked for, or with 0 those that are likely of different kinds."""
+        if num:
+            return group_into(self.log_odds, num, known=known)
+        return group_shapes(self.log_odds, known=known, never_apart=self.are_parts)
 
     def add(self, mismatches: Mapping[tuple[int, int], float]) -> None:
-        """Take in what matching says of pairs; of several matches of one pair the better counts."""
+        """Take in what matching says of pairs; of several matches of one pair the last one counts."""
         for (i, j), least in mismatches.items():
             shells, descriptors = (one[i, j] for one in self.distances)
             known = kin_log_odds(shells, descriptors, np.array(least))
-            before = self.log_odds[i, j] if (i, j) in self.matched else -np.inf
-            self.log_odds[i, j] = self.log_odds[j, i] = max(float(known), before)
-            self.matched.add((i, j))
+            self.log_odds[i, j] = self.log_odds[j, i] = float(known)
 
     def add_parts(self, energies: Mapping[tuple[int, int], float]) -> None:
         """Take in what matching says of pairs one of which may be a part of the other, where it says more."""
