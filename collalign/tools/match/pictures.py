@@ -119,13 +119,13 @@ def match_picture(
         for place, behind in enumerate((np.eye(3), _FROM_BEHIND)):
             corner = np.array([2.0 * column + place, 0.0])
             panels.append(seen_panel(vertices @ (behind @ frame).T, faces, corner, colours))
-            words.append((corner[0], "from behind" if place else name))
+            words.append((corner[0] + 0.5, "from behind" if place else name))
     picture = painted(panels, size, _PANEL)
     pen, font = Draw(picture), font_of(_WORDS)
-    for left, said in words:
-        pen.text((_PANEL * left, _PANEL * (_HEIGHT - _ABOVE)), said, "black", font, "ls")
-    middle = (0.5 * picture.width, _PANEL * (_HEIGHT - _TOP))
-    pen.text(middle, title, "black", font_of(_TITLE), "mm")
+    for middle, said in words:
+        pen.text((_PANEL * middle, _PANEL * (_HEIGHT - _ABOVE)), said, "black", font, "ms")
+    top = (0.5 * picture.width, _PANEL * (_HEIGHT - _TOP))
+    pen.text(top, title, "black", font_of(_TITLE), "mm")
     return picture
 
 
