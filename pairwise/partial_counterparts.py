@@ -36,7 +36,7 @@ class PartialTuning(NamedTuple):
     least_described: int = 100
     """Neighbourhoods of a source at least; of smaller ones, where it is small, if need be."""
     num_points: tuple[int, int] = (150, 500)
-    """Points of each surface that are compared where many poses are ranked, and where few are refined."""
+    """Points of each surface that are compared where poses are many, and where few are refined."""
     normal_weight: float = 0.3
     """Of unit normals relative to positions. With weights 0, .1, .2 and .4, 52, 65, 82 and 88 % of 40 pairs of teeth
     that are both cut are right, and 23, 40, 53 and 53 % of 30 pairs of ants of which one is; .4 loses glasses (70 for

@@ -19,6 +19,7 @@ from data_tools.partial_surface import PartialSurface
 from data_tools.poses import Similarity, pose_angle_deg
 from data_tools.threads import one_blas_thread
 from pairwise.features.poses import (
+    FIRST_STEPS,
     consensus_poses,
     feature_distances,
     match_features,
@@ -102,7 +103,7 @@ def propose_poses(
     group: str = "SO",
     scale_range: tuple[float, float],
 ) -> Similarity:
-    """Return poses on which neighbourhoods of two surfaces agree, at a few scales of the source.
+    """Return poses near which neighbourhoods of two surfaces agree, at a few scales of the source.
 
     Where the outer side of a surface is not known, either side of the source may face that of the target.
 
@@ -134,7 +135,14 @@ def propose_poses(
             ):
                 matches = match_features(feature_distances(to.features, one.features))
                 first = Similarity.rigid(*consensus_poses(to, one, matches, TUNED.num_proposed))
-                found = refine_on_planes(to, one, first, scale_range=limits)
+                found = refine_on_planes(
+                    to,
+                    one,
+                    first,
+                    cutoffs=FIRST_STEPS,
+                    num_points=TUNED.num_points[0],
+                    scale_range=limits,
+                )
                 rotations.append(found.rotation * [flip, 1.0, 1.0])
                 scales.append(scale * found.scale)
                 shifts.append(found.shift)
