@@ -153,8 +153,8 @@ BONE_COLOUR = np.array([0.85, 0.8, 0.68])
 _CELL, _WORDS = 150, 9.7
 #: A picture is drawn so many times as large, and reduced: edges are smooth then.
 _FINER = 2
-#: Width of a point of a cloud, in pixels.
-_POINT = 1.5
+#: Widths of the points of a cloud, in pixels: of many, of a few, and of any number times its root.
+_FINE_POINT, _COARSE_POINT, _POINTS = 1.5, 5.0, 16.0
 #: In cells: of a row with its line of text, and of the space left free around a shape.
 _ROW_HEIGHT, _PANEL_MARGIN = 1.2, 0.03
 #: From the cell of a shape before alignment to the one after.
@@ -327,7 +327,7 @@ def painted(panels: Sequence[Panel], size: tuple[float, float], pixels: float) -
 
     width, height = (_FINER * round(length * pixels) for length in size)
     picture = Image.new("RGB", (width, height), "white")
-    pen, half = Draw(picture), 0.5 * _FINER * _POINT
+    pen = Draw(picture)
     for places, lit in panels:
         flipped = (places * [1.0, -1.0] + [0.0, size[1]]) * (_FINER * pixels)
         colours = map(tuple, np.round(255.0 * lit).astype(np.int64).tolist())
@@ -335,6 +335,8 @@ def painted(panels: Sequence[Panel], size: tuple[float, float], pixels: float) -
             for corners, colour in zip(flipped.reshape(-1, 6).tolist(), colours, strict=True):
                 pen.polygon(corners, colour)
         else:
+            point = np.clip(_POINTS / len(places) ** 0.5, _FINE_POINT, _COARSE_POINT)
+            half = 0.5 * _FINER * point
             boxes = np.hstack([flipped - half, flipped + half]).tolist()
             for box, colour in zip(boxes, colours, strict=True):
                 pen.ellipse(box, colour)
