@@ -309,8 +309,10 @@ def _descriptors(
     if not options.has_invariants:
         return found
     if options.hks_weight > 0:
-        none = np.zeros((len(surface.shape.vertices), len(HKS_TIMES)))
-        signatures = none if eigen is None else heat_kernel_signature(eigen)
+        if eigen is None:
+            signatures = np.zeros((len(surface.shape.vertices), len(HKS_TIMES)))
+        else:
+            signatures = heat_kernel_signature(eigen)
         found.append((options.hks_weight, signatures))
     if options.agd_weight > 0:
         found.append((options.agd_weight, surface.agd[:, None]))
