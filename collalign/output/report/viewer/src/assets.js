@@ -1,7 +1,7 @@
 // Turns layers (which mesh, where, in which colour) into three.js objects, sharing geometries and materials.
 
 import {
-  BufferAttribute, BufferGeometry, Color, DoubleSide, Group, InstancedMesh, Matrix4, Mesh, MeshLambertMaterial, Points, PointsMaterial,
+  BufferAttribute, BufferGeometry, Color, DoubleSide, Group, InstancedMesh, MathUtils, Matrix4, Mesh, MeshLambertMaterial, Points, PointsMaterial,
   SphereGeometry, Vector3,
 } from "three";
 import { linear, viridis } from "./colors.js";
@@ -36,7 +36,7 @@ export class Assets {
       const paint = mesh.scalars.length ? null : color;
       const object = mesh.faces.length
         ? new Mesh(geometry, this.surfaceMaterial(paint, opacity))
-        : new Points(geometry, this.pointMaterial(paint));
+        : new Points(geometry, this.pointMaterial(paint, mesh.vertices.length / 3));
       object.matrixAutoUpdate = false;
       object.matrix.copy(matrix);
       out.push(object);
@@ -77,8 +77,10 @@ export class Assets {
     });
   }
 
-  pointMaterial(color) {
-    return this.shared(`points ${color}`, () => new PointsMaterial({ ...paintOf(color), size: 2.5, sizeAttenuation: false }));
+  // Few points are drawn large enough to be seen, in pixels.
+  pointMaterial(color, number) {
+    const size = MathUtils.clamp(40 / Math.sqrt(number), 2.5, 6);
+    return this.shared(`points ${color} ${size}`, () => new PointsMaterial({ ...paintOf(color), size, sizeAttenuation: false }));
   }
 
   shared(key, make) {
