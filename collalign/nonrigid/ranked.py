@@ -1,4 +1,4 @@
-"""Candidate maps of two surfaces, the chosen one first: as the surfaces are, and of regions if one of them is cut."""
+"""Candidate maps of two surfaces, the chosen one first: as the surfaces are, and of regions if either is cut."""
 
 from __future__ import annotations
 
@@ -38,16 +38,19 @@ def ranked_maps(
 ) -> list[Refined]:
     """Return all candidates, the chosen one first, and that one mended and sharpened.
 
-    If one surface alone is cut and the map is in doubt, the other one is cropped as well: the likeliest regions of it
+    If a surface is cut and the map is in doubt, the other one is cropped as well: the likeliest regions of it
     (:mod:`collalign.nonrigid.regions`) are matched, and their maps are candidates too.
     """
     screened = screened_from_within(target, source, options)
     found = _maps_of_whole(target, source, screened, options)
-    if is_cut(target) == is_cut(source) or whole_trust(target, found, 0) >= SURE_FROM_WITHIN:
+    cut = is_cut(target), is_cut(source)
+    if not any(cut) or whole_trust(target, found, 0) >= SURE_FROM_WITHIN:
         return found
     most = screened[0].score - REGION_GAIN
-    found = distinct_maps([*found, *_maps_of_regions(target, source, most, options)])
-    return chosen_first(target, found, options)
+    for is_target, other_is_cut in ((True, cut[1]), (False, cut[0])):
+        if other_is_cut:
+            found += _maps_of_regions(target, source, most, options, is_target=is_target)
+    return chosen_first(target, distinct_maps(found), options)
 
 
 def _maps_of_whole(
@@ -60,13 +63,17 @@ def _maps_of_whole(
 
 
 def _maps_of_regions(
-    target: SpectralShape, source: SpectralShape, most: float, options: NonrigidOptions
+    target: SpectralShape,
+    source: SpectralShape,
+    most: float,
+    options: NonrigidOptions,
+    *,
+    is_target: bool,
 ) -> list[Refined]:
-    """Return candidates of regions of the surface that is not cut, as maps of all of it.
+    """Return candidates of regions of one surface, of the target or of the source, as maps of all of it.
 
     Regions whose map at few samples has a score above ``most`` have none.
     """
-    is_target = is_cut(source)
     whole, cut = (target, source) if is_target else (source, target)
 
     def pair(region: Region) -> tuple[SpectralShape, SpectralShape]:

@@ -1,4 +1,4 @@
-"""Maps between bodies of which one is cut: where vertices without a counterpart are, and whether they are found."""
+"""Maps between bodies of which one or both are cut: where vertices have no counterpart, and whether that is found."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from collalign.nonrigid.spectral_shape import prepare_surface
 from collalign.tools.match.every_vertex import vertex_maps
 from collalign.tools.match.nonrigid import match_of
 from experiments.experiment import Bench, Cell, Experiment, Outcome
-from experiments.generated.bipeds import KINDS, Biped, biped
+from experiments.generated.bipeds import KINDS, Biped, biped, template_points
 from experiments.generated.cut_bipeds import CUTS, CutBiped, cut_biped
-from experiments.maps.bodies import images_of, weighed
+from experiments.maps.bodies import SURE, images_of, weighed
 from experiments.maps.evaluation import MapEvaluator
 from experiments.maps.map_cells import QUICK_SURFACE
 from experiments.tables import Column, Row, Table
@@ -27,7 +27,9 @@ NUM_PAIRS = 4
 #: Vertices at which a map is evaluated.
 NUM_POINTS = 100
 #: Raised when the maps change.
-VERSION = "7"
+VERSION = "8"
+#: The row of pairs of which both are cut, how many they are, and the least share of the template that both have.
+BOTH, NUM_BOTH, LEAST_SHARED = "both cut", 14, 0.25
 
 _ABOUT = f"""
 Generated bodies of two kinds (people, children, apes, armadillos; `experiments/generated/bipeds.py`), of which one is
@@ -37,38 +39,44 @@ that the map says have none. *True* is the share of those of which it says so th
 over the square root of the target's area, at {NUM_POINTS} vertices of the source that have a counterpart and an
 image. The reach of the rim, and how regions of the whole body are proposed and compared, were chosen on other bodies
 of these kinds, with the same cuts. By how much a region must fit better than the whole was chosen on four of these.
+
+The last row has {NUM_BOTH} pairs of which both bodies are cut, in two ways that leave at least
+{100 * LEAST_SHARED:.0f} % of the template's points to both. There vertices of either body may have no counterpart.
+*Sure* are maps that are stated {SURE} or more.
 """
 
 
 def measure_cut(cell: Cell) -> Record:
-    """Match a whole body and a cut one.
+    """Match two bodies, each whole or cut.
 
-    Settings: ``cut``, ``target``, ``source`` (kinds), ``is_target_cut``, ``seed``, ``surface``.
+    Settings: ``target``, ``source`` (kinds), ``cut_target``, ``cut_source`` ("" where it is whole), ``seed``,
+    ``surface``.
 
     Returns
     -------
     dict
-        ``error``, the mean error; ``lost``, ``said`` and ``both``, how many vertices of the whole body have no
-        counterpart, how many the map says have none, and how many are both. ``candidates``, ``in_place`` and what
-        :func:`experiments.maps.bodies.weighed` returns are those of whole bodies.
+        ``error``, the mean error; ``lost``, ``said`` and ``both``, how many vertices opposite to a cut body have no
+        counterpart, how many the map says have none, and how many are both; ``stated``. ``candidates``, ``in_place``
+        and what :func:`experiments.maps.bodies.weighed` returns are those of whole bodies.
     """
     settings = cell.settings
-    bodies = [
-        biped(KINDS[settings[role]], np.random.default_rng([settings["seed"], number]), role)
-        for number, role in enumerate(("target", "source"))
-    ]
-    at_target = bool(settings["is_target_cut"])
-    pair: list[Biped | CutBiped] = [*bodies]
-    pair[0 if at_target else 1] = cut_biped(bodies[0 if at_target else 1], settings["cut"])
+    pair: list[Biped | CutBiped] = []
+    for number, role in enumerate(("target", "source")):
+        body = biped(KINDS[settings[role]], np.random.default_rng([settings["seed"], number]), role)
+        cut = settings[f"cut_{role}"]
+        pair.append(cut_biped(body, cut) if cut else body)
     surface = SurfaceOptions(**settings["surface"])
     target, source = (prepare_surface(one.shape, surface) for one in pair)
     options = NonrigidOptions()
     found = ranked_maps(target, source, options)
     maps = vertex_maps(target, source, found[0])
     match = match_of(target, source, found, maps, num_candidates=options.num_candidates)
-    lacking = match.no_counterpart_source if at_target else match.no_counterpart_target
-    cut, whole = (pair[0], pair[1]) if at_target else (pair[1], pair[0])
-    lost = cut.places[whole.to_template] < 0
+    opposite = [
+        (pair[0].places[pair[1].to_template] < 0, match.no_counterpart_source),
+        (pair[1].places[pair[0].to_template] < 0, match.no_counterpart_target),
+    ]
+    opposite = [opposite[at] for at in range(2) if isinstance(pair[at], CutBiped)]
+    lost, lacking = (np.concatenate(own) for own in zip(*opposite, strict=True))
     truth = pair[0].places[pair[1].to_template]
     known = np.flatnonzero((truth >= 0) & (maps[0] >= 0))
     at = known[np.linspace(0, len(known) - 1, min(NUM_POINTS, len(known))).astype(int)]
@@ -80,6 +88,7 @@ def measure_cut(cell: Cell) -> Record:
         "lost": int(lost.sum()),
         "said": int(lacking.sum()),
         "both": int((lost & lacking).sum()),
+        "stated": match.confidence,
         "candidates": np.array([one.mean() for one in of_samples]),
         "in_place": np.stack([errors, *of_samples[1:]]) <= NEAR,
         **weighed(target, source, found, source.nearest_dense[source.to_working[at]]),
@@ -88,9 +97,11 @@ def measure_cut(cell: Cell) -> Record:
 
 def row_of(cut: str, records: list[Record]) -> Row:
     """Return the row of one cut, or of all."""
-    errors, lost, said, both = (
-        np.array([record[key] for record in records]) for key in ("error", "lost", "said", "both")
+    errors, lost, said, both, stated = (
+        np.array([record[key] for record in records])
+        for key in ("error", "lost", "said", "both", "stated")
     )
+    sure = stated >= SURE
     return {
         "cut": cut,
         "pairs": len(records),
@@ -99,6 +110,8 @@ def row_of(cut: str, records: list[Record]) -> Row:
         "right": int((errors < NEAR).sum()),
         "found": 100.0 * float(both.sum() / lost.sum()),
         "true": 100.0 * float(both.sum() / max(said.sum(), 1)),
+        "sure": int(sure.sum()),
+        "sure_right": int((sure & (errors < NEAR)).sum()),
     }
 
 
@@ -110,6 +123,8 @@ COLUMNS = (
     Column(key="right", title=f"maps below {NEAR}"),
     Column(key="found", title="without a counterpart: found, %", format=".0f"),
     Column(key="true", title="true, %", format=".0f"),
+    Column(key="sure", title="sure maps"),
+    Column(key="sure_right", title="of these right"),
 )
 
 
@@ -126,11 +141,11 @@ def measured_cuts(bench: Bench, num: int | None = None) -> dict[str, Record]:
     drawn = _drawn_pairs()
     cells = {
         f"{cut}, {target}, {source}, {seed}": {
-            "cut": cut,
             "target": target,
             "source": source,
+            "cut_target": cut if number >= NUM_PAIRS // 2 else "",
+            "cut_source": "" if number >= NUM_PAIRS // 2 else cut,
             "seed": seed,
-            "is_target_cut": number >= NUM_PAIRS // 2,
             "surface": QUICK_SURFACE if bench.quick else {},
         }
         for place, cut in enumerate(CUTS)
@@ -141,17 +156,39 @@ def measured_cuts(bench: Bench, num: int | None = None) -> dict[str, Record]:
     return bench.measure(measure_cut, dict(list(cells.items())[:num]), version=VERSION)
 
 
+def measured_both(bench: Bench, num: int) -> list[Record]:
+    """Return what :func:`measure_cut` finds of the first pairs of which both bodies are cut."""
+    places = template_points()
+    left = {cut: stays(places) for cut, stays in CUTS.items()}
+    ways = [(a, b) for a, b in permutations(CUTS, 2) if (left[a] & left[b]).mean() >= LEAST_SHARED]
+    rng, pairs = np.random.default_rng(1), list(permutations(KINDS, 2))
+    cells = {}
+    for seed in range(1000, 1000 + NUM_BOTH)[:num]:
+        of_target, of_source = ways[rng.integers(len(ways))]
+        target, source = pairs[rng.integers(len(pairs))]
+        cells[f"{of_target}, {target}; {of_source}, {source}; {seed}"] = {
+            "target": target,
+            "source": source,
+            "cut_target": of_target,
+            "cut_source": of_source,
+            "seed": seed,
+            "surface": QUICK_SURFACE if bench.quick else {},
+        }
+    return [*bench.measure(measure_cut, cells, version=VERSION).values()]
+
+
 def measure(bench: Bench) -> Outcome:
-    """Match the pairs of all cuts; with ``--quick`` one pair of the first."""
-    bench.seeds.add(0)
+    """Match the pairs of all cuts; with ``--quick`` one pair of the first, and one of which both are cut."""
+    bench.seeds |= {0, 1}
     records = measured_cuts(bench, 1 if bench.quick else None)
     rows = [
         row_of(cut, own)
         for cut in CUTS
         if (own := [record for label, record in records.items() if label.startswith(f"{cut},")])
     ]
+    both = row_of(BOTH, measured_both(bench, 1 if bench.quick else NUM_BOTH))
     return Outcome(
-        tables=(Table(columns=COLUMNS, rows=(*rows, row_of("all", list(records.values())))),)
+        tables=(Table(columns=COLUMNS, rows=(*rows, row_of("all", list(records.values())), both)),)
     )
 
 

@@ -27,8 +27,8 @@ def test_a_cut_body_is_one_open_piece_that_lacks_what_was_cut_away(cut, rng):
     assert (found.places < 0).any()
 
 
-def record(error, lost, said, both):
-    return {"error": error, "lost": lost, "said": said, "both": both}
+def record(error, lost, said, both, stated=0.5):
+    return {"error": error, "lost": lost, "said": said, "both": both, "stated": stated}
 
 
 def test_a_row_counts_what_is_found_and_what_is_true():
@@ -36,4 +36,11 @@ def test_a_row_counts_what_is_found_and_what_is_true():
     assert (row["pairs"], row["right"]) == (2, 1)
     assert row["found"] == pytest.approx(60.0)
     assert row["true"] == pytest.approx(75.0)
+    assert (row["sure"], row["sure_right"]) == (0, 0)
     assert row_of("none said", [record(0.5, 10, 0, 0)])["true"] == 0.0
+
+
+def test_a_row_counts_sure_maps_and_how_many_of_these_are_right():
+    sure = [record(error, 10, 5, 5, stated=0.95) for error in (0.02, 0.03, 2 * NEAR)]
+    row = row_of("all", [*sure, record(0.02, 10, 5, 5)])
+    assert (row["sure"], row["sure_right"]) == (3, 2)

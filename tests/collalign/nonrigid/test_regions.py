@@ -116,6 +116,22 @@ def test_regions_of_which_no_map_can_be_made_are_left_out(bodies, monkeypatch):
     assert likely_regions(whole, cut) == []
 
 
+def test_what_is_opposite_to_a_cut_surface_is_cropped(bodies, monkeypatch):
+    whole, cut = bodies[2:4]
+    other = prepare_surface(cut_biped(bodies[0], "upper body").shape, OPTIONS)
+    cropped = []
+
+    def record(one, opposite):
+        cropped.append(one)
+        return []
+
+    monkeypatch.setattr(ranked, "likely_regions", record)
+    ranked.ranked_maps(cut, whole, NonrigidOptions())
+    assert cropped == [whole]
+    ranked.ranked_maps(cut, other, NonrigidOptions())
+    assert cropped[1:] == [cut, other]
+
+
 def refuse_operators(shape):
     raise InputError("too poor")
 
