@@ -4,19 +4,14 @@ import numpy as np
 import pytest
 
 from data_tools.errors import OptionsError
-from data_tools.rotations import rotation_angles
 from pairwise.local_search import minimise
-from pairwise.problem import Problem
 from pairwise.rotation_pattern import RotationPattern
 from pairwise.rotation_search import (
     _first,
     apart_rotations,
-    leading_problem,
-    mirror_rotations,
 )
 from pairwise.rotation_sets import random_rotations
 from tests.problems import planted, search
-from tests.rigid_problems import of_chirality
 
 
 @pytest.mark.parametrize(
@@ -41,17 +36,6 @@ def test_distinct_keeps_the_first_of_every_cluster():
     np.testing.assert_array_equal(apart_rotations(turns, 0.0, 8), [0, 1, 2, 3, 4])
 
 
-def test_the_mirrored_problem_finds_reflections(rng):
-    points = rng.random((12, 3)) - 0.5
-    reflection = random_rotations(3, 1, rng)[0] @ np.diag([1.0, 1.0, -1.0])
-    problem = Problem.from_user(points, points @ reflection, group="O")
-    found = search(of_chirality(problem, reflected=True))
-    rotation = mirror_rotations(found.rotations)[0]
-    np.testing.assert_allclose(rotation, reflection, atol=1e-9)
-    assert problem.energy(rotation, found.maps[0]) == pytest.approx(found.energies[0], abs=1e-12)
-    assert search(of_chirality(problem, reflected=False)).energies[0] > 0.01
-
-
 def test_the_rotation_block_is_the_first_one():
     def block(pattern, dim, group):
         return RotationPattern.from_user(pattern, dim, group).rotation_block
@@ -61,37 +45,6 @@ def test_the_rotation_block_is_the_first_one():
     assert block(0, 5, "O") == block(2, 5, "SO") == 5
     with pytest.raises(OptionsError, match="first"):
         _ = RotationPattern(np.eye(3, dtype=bool), ((1, 3),)).rotation_block
-
-
-def test_other_blocks_follow_in_closed_form(rng):
-    points = rng.random((18, 7)) - 0.5
-    turn = np.zeros((7, 7))
-    turn[:3, :3], turn[3:, 3:] = random_rotations(3, 1, rng)[0], random_rotations(4, 1, rng)[0]
-    turn[:, 4] *= -1.0
-    problem = Problem.from_user(points, points @ turn, rotation_pattern=[3, 4])
-    assert leading_problem(problem).dim == 3
-    found = search(problem)
-    assert found.energies[0] == pytest.approx(0.0, abs=1e-12)
-    np.testing.assert_allclose(found.rotations[0], turn, atol=1e-9)
-
-
-def test_signs_start_diagonal_patterns(rng):
-    signs = np.diag([1.0, -1.0, -1.0, 1.0, -1.0, 1.0])
-    problem = planted(
-        rng, rng.random((14, 6)), rotation=signs, rotation_pattern=0, noise=0.01, group="O"
-    )
-    found = search(of_chirality(problem, reflected=True))
-    np.testing.assert_array_equal(mirror_rotations(found.rotations)[0], signs)
-
-
-def test_the_search_turns_with_the_points():
-    rng = np.random.default_rng(4)
-    problem = planted(rng, rng.random((15, 3)) - 0.5, noise=0.3)
-    turns = random_rotations(3, 2, rng)
-    moved = Problem.from_user(problem.target @ turns[0].T, problem.source @ turns[1].T)
-    first, second = search(problem), search(moved)
-    assert second.energies[0] == pytest.approx(first.energies[0])
-    assert rotation_angles(turns[0] @ first.rotations[0] @ turns[1].T, second.rotations[0]) < 1e-6
 
 
 def test_the_first_of_each_chirality_go_on():
