@@ -1,5 +1,3 @@
-import json
-
 import numpy as np
 import pytest
 
@@ -14,6 +12,7 @@ from data_tools.errors import InputError
 from data_tools.io.listing import read_folder
 from data_tools.io.shapes import read_shape
 from data_tools.rotations import rotation_angle_deg
+from tests.commands import read_json
 
 
 @pytest.mark.parametrize("group", ["SO", "O"])
@@ -44,7 +43,7 @@ def test_demo_collection_is_written_with_its_truth_and_reads_back(tmp_path):
     listing = read_folder(tmp_path)
     assert listing.files == files
     assert [p.name for p in listing.skipped] == ["truth.json"]
-    records = json.loads((tmp_path / "truth.json").read_text())["shapes"]
+    records = read_json(tmp_path / "truth.json")["shapes"]
     for i, record in enumerate(records):
         back = read_shape(tmp_path / record["file"])
         np.testing.assert_allclose(

@@ -28,7 +28,7 @@ from data_tools.options import SamplingOptions
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import Shape
 from tests.collalign.registration.test_fit import radius
-from tests.commands import run_command
+from tests.commands import read_json, read_rows, run_command
 from tests.finished_runs import finished_run
 from tests.view_problems import write_result
 
@@ -163,13 +163,13 @@ def test_the_command_writes_landmarks_tables_and_a_plot(
         f"{NUM_SHAPES} of {NUM_SHAPES} specimens have all 6 landmarks"
         in (to / "landmarks.html").read_text()
     )
-    rows = list(csv.DictReader((to / "transfer.csv").open()))
+    rows = read_rows(to / "transfer.csv")
     assert len(rows) == 6 * NUM_SHAPES
     assert float(rows[-1]["radius"]) > 0
     vector = [float(rows[-1][f"along_{axis}"]) for axis in "xyz"]
     assert np.isclose(np.linalg.norm(vector), float(rows[-1]["along"]))
     assert float(rows[-1]["along"]) >= float(rows[-1]["across"]) >= float(rows[-1]["normal"]) > 0
-    left_out = list(csv.DictReader((to / "leave_one_out.csv").open()))
+    left_out = read_rows(to / "leave_one_out.csv")
     assert len(left_out) == 30
     assert "30 landmarks of 5 templates" in capsys.readouterr().out
     cited = run_command("status", to, "--cite").out
@@ -206,11 +206,11 @@ def test_a_template_with_two_landmarks_swapped_is_named_and_changes_nothing(
         "transfer", result, "--landmarks", *wrong, "--to", to, "--jobs", "1", "--store", run.store
     )
     assert f"Templates disagree on tip 1 and tip 4 in {name}: swapped?" in said.out
-    rows = list(csv.DictReader((to / "agreement.csv").open()))
+    rows = read_rows(to / "agreement.csv")
     found = {(row["template"], row["landmark"]) for row in rows if row["finding"]}
     assert found == {(name, "tip 1"), (name, "tip 4")}
     assert {row["trust"] for row in rows if row["finding"]} == {"0.0"}
-    written = json.loads((to / "agreement.json").read_text())
+    written = read_json(to / "agreement.json")
     assert np.array(written["distance"]).shape == np.array(written["trust"]).shape == (3, 6)
     assert [one["finding"] for one in written["findings"]] == ["swapped?", "swapped?"]
     assert (to / "agreement.png").read_bytes().startswith(b"\x89PNG")

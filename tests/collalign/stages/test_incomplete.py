@@ -1,6 +1,5 @@
 """Incomplete shapes of a collection: told or found, posed on the complete ones, which stay as without them."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -52,6 +51,7 @@ from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.cleaning import COMPONENTS_KEPT
 from experiments.calibration.fragments import closed
 from pairwise.partial_counterparts import counterparts
+from tests.commands import read_json
 from tests.finished_runs import angles_deg
 from tests.notes import only
 from tests.pairwise.test_partial_match import cut, moved, surface
@@ -191,7 +191,7 @@ def test_the_complete_shapes_stay_as_they_are_without_the_broken_ones(aligned, w
 
 def test_the_result_says_what_is_missing_and_takes_more(aligned, planted, tmp_path):
     aligned.save(tmp_path / "out")
-    record = json.loads((tmp_path / "out" / "alignment.json").read_text())
+    record = read_json(tmp_path / "out" / "alignment.json")
     assert [one["name"] for one in record["incomplete"]] == list(BROKEN)
     assert set(record["incomplete"][0]["overlaps"]) <= {"tooth0", "tooth1", "tooth3", "tooth4"}
     view = load(tmp_path / "out")
