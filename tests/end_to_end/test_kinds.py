@@ -71,15 +71,6 @@ def test_kinds_are_found_and_each_is_aligned(found, planted):
     assert all({pair.target < 4, pair.source < 4} != {True, False} for pair in found.pairs)
 
 
-def test_shapes_of_two_kinds_do_not_correspond(found):
-    assert (found.maps["blobs/0", "figures/0"] == -1).all()
-    assert (found.maps["blobs/0", "blobs/1"] >= 0).all()
-    assert found.landmarks.shape[1] == 2 * 32 == len(found.consensus)
-    assert np.isnan(found.landmarks[0, 32:]).all()
-    members = statistics_members(found, include_doubtful=True)
-    assert [reason for _, reason in members.left_out] == ["other-part"] * 4
-
-
 def test_a_loaded_result_knows_its_kinds_and_files(found, tmp_path):
     found.save(tmp_path / "out")
     loaded = load(tmp_path / "out")

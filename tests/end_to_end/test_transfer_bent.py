@@ -8,7 +8,6 @@ import pytest
 
 import collalign
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, save_vertex_maps
-from collalign.products.consistent_maps import VertexMaps
 from data_tools.datasets.synthetic import bent, planted_collection
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.embedding.sampling import farthest_points
@@ -16,6 +15,7 @@ from data_tools.errors import CollalignError
 from data_tools.landmark_files import Landmarks
 from data_tools.options import SamplingOptions
 from tests.finished_runs import finished_run
+from tests.products import vertex_maps_of
 
 BODY = figure(resolution=1)
 NUM_SHAPES = 4
@@ -59,13 +59,7 @@ def exact_maps(planted, *, names=NAMES):
         wrong = rng.random(len(own)) < 0.05
         own[wrong] = rng.permutation(own)[wrong]
         on_reference.append(own)
-    return VertexMaps(
-        names=names,
-        reference=NAMES[0],
-        places=tuple(on_reference),
-        confidence=np.ones(len(names)),
-        vertex_confidence=tuple(np.ones(len(own)) for own in on_reference),
-    )
+    return vertex_maps_of(names, on_reference)
 
 
 def with_maps(result, maps, to):

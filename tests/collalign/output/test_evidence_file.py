@@ -61,17 +61,6 @@ def test_another_version_is_refused(tmp_path):
         load(tmp_path)
 
 
-def test_arrays_that_need_pickle_are_refused(tmp_path):
-    np.savez(
-        tmp_path / EVIDENCE_FILE,
-        version=np.array(2),
-        text=np.array([{}], dtype=object),
-        allow_pickle=True,
-    )
-    with pytest.raises(InputError, match="damaged"):
-        load(tmp_path)
-
-
 def test_views_check_themselves(tmp_path):
     view = view_of(3)
     for change in (

@@ -15,7 +15,7 @@ from collalign.confidence.incomplete_model import (
     share_of_best,
 )
 from collalign.engine.session import Session
-from collalign.products.shapes import Constraints, Shapes
+from collalign.products.shapes import Constraints
 from collalign.products.trust import DOUBT
 from collalign.stages import steps
 from collalign.stages.evidence.weigh import by_energy
@@ -44,7 +44,7 @@ from data_tools.errors import InputError, OptionsError
 from data_tools.io.objects import list_shapes
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.notes import Note
-from data_tools.options import CleaningOptions, SamplingOptions
+from data_tools.options import SamplingOptions
 from data_tools.partial_surface import PartialSurface
 from data_tools.poses import Similarity
 from data_tools.rotations import random_rotation, rotation_angle_deg
@@ -55,7 +55,7 @@ from tests.commands import read_json
 from tests.finished_runs import angles_deg
 from tests.notes import only
 from tests.pairwise.test_partial_match import cut, moved, surface
-from tests.products import settled_pair_of
+from tests.products import settled_pair_of, shapes_of
 
 pytestmark = pytest.mark.usefixtures("quick_search")
 OPTIONS = AlignOptions(group="SO", sampling=SamplingOptions(num_points=24, num_dense_points=200))
@@ -488,18 +488,9 @@ def test_points_that_stand_for_all_samples_lie_apart():
 @pytest.mark.parametrize("joined", [False, True])
 def test_borders_of_assembled_objects_are_no_breaks(joined):
     """Neither where all components are matched, nor where most of the surface is left out."""
-    how = CleaningOptions(components="all" if joined else "largest")
     lost = () if joined else (Note(COMPONENTS_KEPT, values={"share": 60}),)
-    shapes = Shapes(
-        names=tuple("abcdefg"),
-        files=(),
-        digests=(),
-        keys=(),
-        samples=tuple(SimpleNamespace(rim="open", notes=lost) for _ in range(7)),  # type: ignore[arg-type]
-        cleaning=(how,) * 7,
-        chirality=(),
-        excluded=(),
-    )
+    samples = [SimpleNamespace(rim="open", notes=lost)] * 7
+    shapes = shapes_of(samples, "all" if joined else "largest")
     assert find_incomplete(None, shapes, (), np.eye(4)[None]) == {}  # type: ignore[arg-type]
 
 
