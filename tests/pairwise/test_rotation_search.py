@@ -5,10 +5,12 @@ import pytest
 
 from data_tools.errors import OptionsError
 from pairwise.local_search import minimise
+from pairwise.problem import Problem
 from pairwise.rotation_pattern import RotationPattern
 from pairwise.rotation_search import (
     _first,
     apart_rotations,
+    leading_problem,
 )
 from pairwise.rotation_sets import random_rotations
 from tests.problems import planted, search
@@ -45,6 +47,18 @@ def test_the_rotation_block_is_the_first_one():
     assert block(0, 5, "O") == block(2, 5, "SO") == 5
     with pytest.raises(OptionsError, match="first"):
         _ = RotationPattern(np.eye(3, dtype=bool), ((1, 3),)).rotation_block
+
+
+def test_other_blocks_follow_in_closed_form(rng):
+    points = rng.random((18, 7)) - 0.5
+    turn = np.zeros((7, 7))
+    turn[:3, :3], turn[3:, 3:] = random_rotations(3, 1, rng)[0], random_rotations(4, 1, rng)[0]
+    turn[:, 4] *= -1.0
+    problem = Problem.from_user(points, points @ turn, rotation_pattern=[3, 4])
+    assert leading_problem(problem).dim == 3
+    found = search(problem)
+    assert found.energies[0] == pytest.approx(0.0, abs=1e-12)
+    np.testing.assert_allclose(found.rotations[0], turn, atol=1e-9)
 
 
 def test_the_first_of_each_chirality_go_on():
