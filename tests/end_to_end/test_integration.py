@@ -12,7 +12,7 @@ from data_tools.errors import InputError
 from data_tools.options import SamplingOptions
 from data_tools.surface.shape import Shape
 from tests.commands import read_json, read_rows, run_command
-from tests.finished_runs import finished_run
+from tests.finished_runs import finished_run, on_files, slicer_file
 from tests.notes import codes, only
 
 NUM, NUM_EACH = 12, 5
@@ -47,17 +47,10 @@ def made(tmp_path_factory):
     options = collalign.AlignOptions(
         group="SO", sampling=SamplingOptions(num_points=24, num_dense_points=100)
     )
-    files = []
-    for shape, origin in zip(collection.shapes, collection.origins, strict=True):
-        points = shape.vertices[[int(np.flatnonzero(origin == vertex)[0]) for vertex in chosen]]
-        controls = [
-            {"label": label, "position": point.tolist()}
-            for label, point in zip(LABELS, points, strict=True)
-        ]
-        files.append(folder / f"{shape.name}.mrk.json")
-        files[-1].write_text(
-            json.dumps({"markups": [{"type": "Fiducial", "controlPoints": controls}]})
-        )
+    files = [
+        slicer_file(folder / f"{shape.name}.mrk.json", points, LABELS)
+        for shape, points in zip(collection.shapes, on_files(collection, chosen), strict=True)
+    ]
     return finished_run(folder, collection, options), files
 
 

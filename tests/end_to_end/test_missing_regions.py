@@ -19,6 +19,7 @@ from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation
 from data_tools.surface.topology import boundary_edges
 from tests.commands import read_rows, run_command
+from tests.finished_runs import radius
 from tests.pairwise.test_partial_match import cut, moved
 from tests.view_problems import write_result
 
@@ -59,8 +60,7 @@ class Teeth:
     @property
     def size(self):
         """Root mean square radius of the broken tooth as it was."""
-        points = self.whole[BROKEN]
-        return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
+        return radius(self.whole[BROKEN])
 
     def lost(self, vertices):
         """Distance of vertices of the broken tooth, as it was, from what is left of it, in radii."""

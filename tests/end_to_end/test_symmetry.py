@@ -11,7 +11,7 @@ from data_tools.landmark_files import Landmarks
 from data_tools.options import SamplingOptions
 from data_tools.surface.shape import Shape
 from tests.commands import read_rows, run_command
-from tests.finished_runs import finished_run
+from tests.finished_runs import finished_run, on_files
 
 #: Height of the one-sided bump of each specimen, in radii.
 PLANTED = (0.0, 0.0, 0.1, 0.2, 0.3, 0.0)
@@ -123,10 +123,6 @@ def landmarks(name):
         int(np.linalg.norm(sphere - place / np.linalg.norm(place), axis=1).argmin())
         for place in sides
     ]
-    at = int(name[1:])
-    origin = PLANTED_COLLECTION.origins[at]
-    rows_in_file = [int(np.flatnonzero(origin == vertex)[0]) for vertex in chosen]
     labels = tuple(f"{side} {number}" for side in ("left", "right") for number in range(len(SIDES)))
-    return {
-        name: Landmarks(labels=labels, points=PLANTED_COLLECTION.shapes[at].vertices[rows_in_file])
-    }
+    points = on_files(PLANTED_COLLECTION, chosen)[int(name[1:])]
+    return {name: Landmarks(labels=labels, points=points)}

@@ -1,7 +1,6 @@
 """Landmarks carried over a generated collection whose true places are known, as a user does it."""
 
 import csv
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -27,9 +26,8 @@ from data_tools.landmark_files import Landmarks, read_landmarks
 from data_tools.options import SamplingOptions
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import Shape
-from tests.collalign.registration.test_fit import radius
 from tests.commands import read_json, read_rows, run_command
-from tests.finished_runs import finished_run
+from tests.finished_runs import finished_run, on_files, radius, slicer_file
 from tests.view_problems import write_result
 
 NUM_SHAPES = 6
@@ -42,26 +40,13 @@ HAND = 0.02
 
 def true_landmarks(planted):
     """Return every shape's landmarks in its own coordinates, shape (N, l, 3)."""
-    rows = [
-        [int(np.flatnonzero(origin == v)[0]) for v in LANDMARK_VERTICES]
-        for origin in planted.origins
-    ]
-    return np.stack([shape.vertices[row] for shape, row in zip(planted.shapes, rows, strict=True)])
+    return on_files(planted, LANDMARK_VERTICES)
 
 
 def errors(found, planted):
     """Return the distances from the truth in root mean square radii, shape (N, l)."""
     units = np.array([radius(shape.vertices) for shape in planted.shapes])
     return np.asarray(np.linalg.norm(found - true_landmarks(planted), axis=2) / units[:, None])
-
-
-def slicer_file(path, points, labels):
-    controls = [
-        {"label": label, "position": point.tolist()}
-        for label, point in zip(labels, points, strict=True)
-    ]
-    path.write_text(json.dumps({"markups": [{"type": "Fiducial", "controlPoints": controls}]}))
-    return path
 
 
 @pytest.fixture(scope="module")
@@ -238,18 +223,11 @@ def edge_path():
     return path[::-1]
 
 
-def on_file(planted, at, vertices):
-    origin = planted.origins[at]
-    return planted.shapes[at].vertices[
-        [int(np.flatnonzero(origin == vertex)[0]) for vertex in vertices]
-    ]
-
-
 def test_curves_and_points_of_the_surface_reach_all_others(result, planted, tmp_path, run):
     path = edge_path()
     curves = []
     for at, shape in enumerate(planted.shapes[:2]):
-        drawn = on_file(planted, at, path[:: 1 - 2 * at])
+        drawn = on_files(planted, path[:: 1 - 2 * at])[at]
         (tmp_path / "edge").mkdir(exist_ok=True)
         curves.append(tmp_path / "edge" / f"{shape.name}.fcsv")
         curves[-1].write_text(
@@ -272,7 +250,7 @@ def test_curves_and_points_of_the_surface_reach_all_others(result, planted, tmp_
         found = read_landmarks(to / f"{names[at]}.mrk.json")
         rim = next(one for one in found.semilandmarks if one.name == "edge")
         assert (rim.kind, len(rim.points), len(found.points)) == ("open curve", 9, 25)
-        truth, unit = on_file(planted, at, path), radius(planted.shapes[at].vertices)
+        truth, unit = on_files(planted, path)[at], radius(planted.shapes[at].vertices)
         assert np.linalg.norm(rim.points[:, None] - truth, axis=2).min(axis=1).mean() < 0.1 * unit
         assert np.linalg.norm(rim.points[[0, -1]] - truth[[0, -1]], axis=1).max() < 0.15 * unit, (
             "both drawn one way"

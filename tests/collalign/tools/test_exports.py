@@ -240,15 +240,6 @@ def test_one_cloud_has_a_label_of_each_point(view, tmp_path):
     assert len(cloud.vertices) == len(points)
 
 
-def test_moved_files_are_found_in_the_folder_named(view, tmp_path):
-    moved = dataclasses.replace(
-        view, files=tuple(f"elsewhere/{Path(file).name}" for file in view.files)
-    )
-    with pytest.raises(InputError, match=r"elsewhere.*not there any more.*--sources"):
-        export(moved, "ply", tmp_path / "out")
-    assert len(export(moved, "ply", tmp_path / "out", sources=Path(view.files[0]).parent)) == 6
-
-
 def test_parquet_tables_are_read_by_column_and_say_what_csv_says(view, tmp_path):
     parquet = optional_module("pyarrow.parquet")
     export(view, "csv", tmp_path)
