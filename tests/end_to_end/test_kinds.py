@@ -11,9 +11,10 @@ from collalign.output.members import statistics_members
 from collalign.products.named_frame import NamedFrame
 from data_tools.io.shapes import write_mesh
 from data_tools.options import SamplingOptions
-from data_tools.rotations import random_rotation, rotation_angle_deg
+from data_tools.rotations import random_rotation
 from experiments.generated.assembled import assembled_objects
 from tests.commands import read_json, run_command
+from tests.finished_runs import angles_deg
 from tests.goldens.inputs import two_kinds
 from tests.notes import codes, only
 
@@ -45,16 +46,11 @@ def found(folder):
 
 def worst_within_deg(collection, planted):
     """The largest error of the relative rotations of shapes of one kind."""
-    errors = []
-    for i, one in enumerate(collection.names):
-        for j, other in enumerate(collection.names[:i]):
-            (a, m), (b, n) = (name.split("/") for name in (one, other))
-            if a == b:
-                at = [5 * (a == "figures") + int(k) for k in (m, n)]
-                true = planted.relative_rotation(*at)
-                mine = collection.rotations[i].T @ collection.rotations[j]
-                errors.append(float(rotation_angle_deg(mine, true)))
-    return max(errors)
+    named = [name.split("/") for name in collection.names]
+    is_figure = np.array([kind == "figures" for kind, _ in named])
+    at = 5 * is_figure + [int(number) for _, number in named]
+    apart = angles_deg(collection.rotations @ np.swapaxes(planted.rotations[at], 1, 2))
+    return apart[is_figure[:, None] == is_figure].max()
 
 
 def test_kinds_are_found_and_each_is_aligned(found, planted):
