@@ -88,7 +88,14 @@ def test_one_may_say_kinds(folder, planted, tmp_path):
     rows = [f"{kind}/{n},{kind[:-1]}" for kind in ("blobs", "figures") for n in range(4)]
     table.write_text("name,thing\n" + "\n".join(rows) + "\n")
     words = ["align", folder, "--recursive", "--jobs", "1", "--no-report", "--group", "SO"]
-    words += ["--maps", "never", "--sampling.num-points", "32"]
+    words += [
+        "--maps",
+        "never",
+        "--sampling.num-points",
+        "32",
+        "--store",
+        tmp_path / "store.sqlite",
+    ]
     run_command(*words, "--out", tmp_path / "a", "--kinds-by", "folder")
     run_command(*words, "--out", tmp_path / "b", "--kinds-by", "thing", "--labels", table)
     for out, called in (("a", ("blobs", "figures")), ("b", ("blob", "figure"))):
@@ -169,18 +176,19 @@ def test_up_of_one_shape_is_that_of_its_kind_and_of_kinds_posed_against_it(plant
     assert "kinds-posed" in codes(found.notes)
 
 
-def test_objects_of_components_are_read_as_suits_their_kind(planted):
+def test_objects_of_components_are_read_as_suits_their_kind(planted, tmp_path):
     """Hammers of four pieces among blobs of one: no piece is the object because it is most like a blob."""
     hammers = assembled_objects("hammers", 4, np.random.default_rng(0))
     given = {f"hammer{n}": shape for n, shape in enumerate(hammers)}
     given |= {f"blob{n}": planted.shapes[n] for n in range(3)}
     kinds = {name: name[:-1] for name in given}
+    run = RunOptions(jobs=1, store=tmp_path / "store.sqlite")
     alone = align_collection(
         {name: shape for name, shape in given.items() if "hammer" in name},
         options=OPTIONS,
-        run=ALONE,
+        run=run,
         progress=False,
     )
-    mixed = align_collection(given, kinds=kinds, options=OPTIONS, run=ALONE, progress=False)
+    mixed = align_collection(given, kinds=kinds, options=OPTIONS, run=run, progress=False)
     assert mixed.assembled == alone.assembled != ()
     assert mixed.kinds[0].cleaning == alone.options.cleaning
