@@ -237,7 +237,7 @@ def test_names_are_checked(planted):
     assert named_incomplete(replace(OPTIONS, incomplete="never"), ["tooth1"]) == {}
     assert named_incomplete(OPTIONS, ["tooth0", "tooth1"], ["tooth1"]).keys() == {1}
     with pytest.raises(OptionsError, match="incomplete"):
-        AlignOptions(incomplete=3)  # type: ignore[arg-type]
+        AlignOptions(incomplete=3)
     with pytest.raises(InputError, match="reference"):
         align(planted[0], incomplete="tooth2", reference="tooth2")
 
@@ -392,7 +392,7 @@ def test_closed_surfaces_and_shapes_that_bend_lack_nothing(tmp_path, monkeypatch
         every[0] = 4
         run = run_of(session, shapes)
         bent = Matched(group="SO", pairs=[by_energy(pairs[0])], failed=[], solution=None, notes=())
-        assert _found_incomplete(run, {}, (run, bent, None)) == ({}, {})  # type: ignore[arg-type]
+        assert _found_incomplete(run, {}, (run, bent, None)) == ({}, {})
 
 
 def test_an_open_shape_in_doubt_is_read_as_a_part_where_that_is_surer(planted):
@@ -491,7 +491,7 @@ def test_borders_of_assembled_objects_are_no_breaks(joined):
     lost = () if joined else (Note(COMPONENTS_KEPT, values={"share": 60}),)
     samples = [SimpleNamespace(rim="open", notes=lost)] * 7
     shapes = shapes_of(samples, "all" if joined else "largest")
-    assert find_incomplete(None, shapes, (), np.eye(4)[None]) == {}  # type: ignore[arg-type]
+    assert find_incomplete(None, shapes, (), np.eye(4)[None]) == {}
 
 
 def test_parts_of_which_none_is_whole_are_put_together(tmp_path):

@@ -235,7 +235,7 @@ def test_names_are_readable_whatever_the_files_are_called(tmp_path):
 
 def test_a_name_does_not_depend_on_what_else_is_in_the_folder(tmp_path):
     files = ["desk_00.ply", "setA/desk_00.ply", "setB/desk_00.stl", "setB/old/desk_00.ply"]
-    names = set[str]()
+    names = set()
     for count, file in enumerate(files, 1):
         (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / file).touch()
