@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from data_tools.errors import OptionsError
 from pairwise.local_search import minimise
@@ -28,11 +29,9 @@ def test_search_is_no_worse_than_many_random_starts(seed, num, noise, num_source
 
 
 def test_distinct_keeps_the_first_of_every_cluster():
-    angles = np.deg2rad([0.0, 5.0, 20.0, 22.0, 90.0])
-    turns = np.zeros((5, 3, 3))
-    turns[:, 2, 2] = 1.0
-    turns[:, 0, 0] = turns[:, 1, 1] = np.cos(angles)
-    turns[:, 1, 0], turns[:, 0, 1] = np.sin(angles), -np.sin(angles)
+    turns = Rotation.from_euler(
+        "z", [[0.0], [5.0], [20.0], [22.0], [90.0]], degrees=True
+    ).as_matrix()
     np.testing.assert_array_equal(apart_rotations(turns, np.deg2rad(15), 8), [0, 2, 4])
     np.testing.assert_array_equal(apart_rotations(turns, np.deg2rad(15), 2), [0, 2])
     np.testing.assert_array_equal(apart_rotations(turns, 0.0, 8), [0, 1, 2, 3, 4])

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from collalign.align import align_collection
 from collalign.confidence.candidate_model import (
@@ -94,7 +95,7 @@ def test_unknown_evidence_says_nothing():
 def test_near_rotations_are_one_candidate_the_better_one():
     rng = np.random.default_rng(2)
     first = random_rotation(rng)
-    nudge = np.array([[np.cos(0.1), -np.sin(0.1), 0], [np.sin(0.1), np.cos(0.1), 0], [0, 0, 1.0]])
+    nudge = Rotation.from_euler("z", 0.1).as_matrix()
     far = np.diag([-1.0, -1.0, 1.0])
     poses = [
         (r, np.arange(3), np.full(len(EVIDENCE), value))

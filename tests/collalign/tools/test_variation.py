@@ -319,8 +319,7 @@ def test_directional_asymmetry_that_the_mirror_map_explains_is_warned_of():
     shapes, faces = stretched()
     mean, _ = sphere_mesh(300)
     exact = SurfaceLocator(mean, faces).closest(mean * [-1, 1, 1])
-    turned = np.eye(3)
-    turned[:2, :2] = [[np.cos(0.1), -np.sin(0.1)], [np.sin(0.1), np.cos(0.1)]]
+    turned = Rotation.from_euler("z", 0.1).as_matrix()
     crooked = SurfaceLocator(mean, faces).closest(mean @ turned.T * [-1, 1, 1] + [0, 0.1, 0.1])
     assert mirror_error(mean, exact) < 0.02 < mirror_error(mean, crooked)
     found = surface_symmetry(shapes, crooked)
