@@ -1,3 +1,5 @@
+import json
+
 import numpy as np
 import pytest
 
@@ -12,7 +14,6 @@ from data_tools.errors import InputError
 from data_tools.io.listing import read_folder
 from data_tools.io.shapes import read_shape
 from data_tools.rotations import rotation_angle_deg
-from tests.commands import read_json
 
 
 @pytest.mark.parametrize("group", ["SO", "O"])
@@ -43,7 +44,7 @@ def test_demo_collection_is_written_with_its_truth_and_reads_back(tmp_path):
     listing = read_folder(tmp_path)
     assert listing.files == files
     assert [p.name for p in listing.skipped] == ["truth.json"]
-    records = read_json(tmp_path / "truth.json")["shapes"]
+    records = json.loads((tmp_path / "truth.json").read_text())["shapes"]
     for i, record in enumerate(records):
         back = read_shape(tmp_path / record["file"])
         np.testing.assert_allclose(
