@@ -1,5 +1,6 @@
-"""Commands of the command line, run in this process, and the records that they write."""
+"""Commands of the command line, run in this process, and the records and tables that they write."""
 
+import csv
 import json
 import sys
 from contextlib import redirect_stderr, redirect_stdout
@@ -31,3 +32,9 @@ def run_command(*words, ends=0):
 def read_json(path):
     """Return what a file of JSON holds."""
     return json.loads(path.read_text("utf-8"))
+
+
+def read_rows(path):
+    """Return the rows of a table with a heading."""
+    with path.open(encoding="utf-8", newline="") as stream:
+        return list(csv.DictReader(stream))

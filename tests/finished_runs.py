@@ -1,4 +1,6 @@
-"""The collection of most whole runs, and a finished run of any."""
+"""The collection of most whole runs, what is known of its files, and a finished run of any."""
+
+import json
 
 import numpy as np
 
@@ -18,6 +20,27 @@ def chairs(num, *, scale_range=(1.0, 1.0)):
 def angles_deg(frames):
     """Return the angle between any two poses (n, 3, 3), shape (n, n); 180 where only one of them mirrors."""
     return pose_angle_deg(frames[:, None], frames)
+
+
+def radius(points):
+    """Return the root mean square distance of points from their centroid."""
+    return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+
+def on_files(planted, vertices):
+    """Return where each file has some vertices of its family, shape (N, num, 3)."""
+    places = [np.argsort(origin)[vertices] for origin in planted.origins]
+    return np.stack([s.vertices[own] for s, own in zip(planted.shapes, places, strict=True)])
+
+
+def slicer_file(path, points, labels):
+    """Write a list of landmarks as 3D Slicer does, and return its path."""
+    controls = [
+        {"label": label, "position": point.tolist()}
+        for label, point in zip(labels, points, strict=True)
+    ]
+    path.write_text(json.dumps({"markups": [{"type": "Fiducial", "controlPoints": controls}]}))
+    return path
 
 
 def made_once(function, key):

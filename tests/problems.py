@@ -1,7 +1,7 @@
 """A catalogue of small Procrustes matching problems with known answers, shared by the tests of every solver."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -42,6 +42,16 @@ def planted(rng, points, *, num_source=None, rotation=None, noise=0.0, **options
     kept = rng.permutation(len(points))[: num_source or len(points)]
     source = points[kept] @ rotation + noise * rng.standard_normal((len(kept), points.shape[1]))
     return Problem.from_user(points, source, **options)
+
+
+def in_unit(problem, unit):
+    """Return a problem with its points in another unit of length."""
+    return replace(
+        problem,
+        target=unit * problem.target,
+        source=unit * problem.source,
+        constant_cost=unit**2 * problem.constant_cost,
+    )
 
 
 def chair(rng, num_half=3):

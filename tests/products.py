@@ -1,9 +1,13 @@
-"""Pairs and samples as small as a test wants them."""
+"""Pairs, samples, shapes, kinds and maps of vertices as small as a test wants them."""
 
 import numpy as np
 
+from collalign.products.consistent_maps import VertexMaps
+from collalign.products.kinds import Kind
 from collalign.products.pair import AlignedPair, Pair
+from collalign.products.shapes import Shapes
 from data_tools.embedding.embedding import Samples
+from data_tools.options import CleaningOptions
 
 
 def pair_of(rotations, energies, *, target=0, source=1, num_samples=8, **fields):
@@ -54,3 +58,39 @@ def samples_at(points, *, invariants=None, **fields):
         "rim": "closed",
     }
     return Samples(**plain | fields)
+
+
+def shapes_of(samples, components="largest"):
+    """Shapes of samples, all read by the same components and of no files."""
+    return Shapes(
+        names=tuple("abcdefgh"[: len(samples)]),
+        files=(),
+        digests=(),
+        keys=(),
+        samples=tuple(samples),
+        cleaning=(CleaningOptions(components=components),) * len(samples),
+        chirality=(),
+        excluded=(),
+    )
+
+
+def kind_of(called, shapes, *, frame=1.0, group="SO"):
+    """A kind that is likely one."""
+    return Kind(
+        called=called,
+        shapes=np.array(shapes),
+        confidence=0.9,
+        frame=frame,
+        group=group,
+        cleaning=CleaningOptions(),
+    )
+
+
+def vertex_maps_of(names, places, **fields):
+    """Maps of vertices through the first shape that are sure of all places."""
+    sure = {
+        "reference": names[0],
+        "confidence": np.ones(len(names)),
+        "vertex_confidence": tuple(np.ones(len(own)) for own in places),
+    }
+    return VertexMaps(names=tuple(names), places=tuple(places), **sure | fields)

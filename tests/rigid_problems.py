@@ -1,13 +1,9 @@
 """Small random and degenerate problems over SO(2), SO(3), O(2), O(3), whose optimum brute force can find."""
 
-from dataclasses import replace
-
 import numpy as np
 
-from data_tools.arrays import read_only
 from pairwise.problem import Problem
-from pairwise.rotation_pattern import RotationPattern
-from pairwise.rotation_search import mirror_points
+from tests.problems import in_unit
 
 #: How the points lie.
 SHAPES = ("general", "coplanar", "collinear", "symmetric", "repeated", "one place", "noise-free")
@@ -40,13 +36,7 @@ def rigid_problem(seed, *, max_target=6):
     """A small problem, at a scale of 1e-6 to 1e6."""
     problem = small_problem(seed, max_target=max_target)
     rng = np.random.default_rng([seed, 33])
-    size = 10.0 ** rng.uniform(-6, 6)
-    return replace(
-        problem,
-        target=problem.target * size,
-        source=problem.source * size,
-        constant_cost=problem.constant_cost * size**2,
-    )
+    return in_unit(problem, 10.0 ** rng.uniform(-6, 6))
 
 
 def is_pointed(problem):
@@ -80,16 +70,3 @@ def _points(shape, n, dim, rng):
     elif shape == "one place":
         points[:] = points[0]
     return points
-
-
-def of_chirality(problem, *, reflected):
-    """The problem with the rotation block's determinant fixed to +1; itself where the group fixes it already.
-
-    For poses of determinant -1 the source's first coordinate is negated: negate the first column of the solutions,
-    too (:func:`pairwise.rotation_search.mirror_rotations`).
-    """
-    if problem.pattern.special_blocks:
-        return problem
-    pattern = RotationPattern(problem.pattern.mask, ((0, problem.pattern.rotation_block),))
-    source = mirror_points(problem.source) if reflected else problem.source
-    return replace(problem, source=read_only(source), pattern=pattern)

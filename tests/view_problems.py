@@ -13,6 +13,7 @@ from collalign.products.consistent_maps import ConsistentMaps
 from collalign.products.pair import AlignedPair, Alternative
 from collalign.products.run_record import RunRecord
 from collalign.products.shapes import Excluded
+from collalign.tools.transfer.result import PLACED, TransferredLandmarks
 from data_tools.notes import Note
 from data_tools.poses import each_moved_by
 
@@ -102,6 +103,25 @@ def view_of(num_shapes=10, *, seed=0, num_missing=0, subdivisions=2):
         cycle_errors_deg=np.abs(rng.normal(0, 12, 400)),
         notes=(Note("doubtful", ("shape_001",)),),
     )
+
+
+def transferred_of(view, labels, **fields):
+    """Landmarks that a transfer placed on vertices of a collection, from all its shapes as templates."""
+    points = np.stack([vertices[[5, 40, 80, 90]] for vertices in view.vertices])
+    shape = points.shape[:2]
+    nothing = np.full(shape, np.nan)
+    placed = {
+        "points": points,
+        "radii": np.zeros(shape),
+        "ellipsoids": np.full((*shape, 3, 3), np.nan),
+        "status": ((PLACED,) * 4,) * len(view),
+        "templates": view.names,
+        "template_trust": np.ones(shape),
+        "left_out_points": points + 0.1,
+        "left_out_errors": nothing,
+        "left_out_radii": nothing,
+    }
+    return TransferredLandmarks(names=view.names, labels=labels, **placed | fields)
 
 
 def write_result(collection, folder):

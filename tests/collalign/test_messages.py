@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from collalign.engine import progress
-from tests.commands import run_command
+from tests.commands import read_json, run_command
 
 TEXTS = (".json", ".csv", ".html")
 FLAGS = ["--sampling.num-points", "12", "--sampling.num-dense-points", "0", "--jobs", "1"]
@@ -127,7 +127,7 @@ def test_control_characters_in_names_reach_no_output(tmp_path):
     assert not [text for text in (*said, *texts) if "\x1b" in text or "d.xyz: c" in text]
     assert "\\x1b[31mbad\\n.ply" in said[1]
     assert "\\x1b[31m\\ngone.ply: " in said[3]
-    assert json.loads((out / "alignment.json").read_text())["shapes"][0]["name"] == "\\x1b[31mb"
+    assert read_json(out / "alignment.json")["shapes"][0]["name"] == "\\x1b[31mb"
     assert "\\x1b[31mb" in (out / "pairs.csv").read_text()
     assert "c\\nd" in (out / "pairs.csv").read_text()
 

@@ -146,7 +146,7 @@ def test_tables_may_be_in_any_encoding_and_labels_are_composed(tmp_path, encodin
 @pytest.mark.parametrize(
     ("name", "content", "reason"),
     [
-        ("a.mrk.json", "{", "not a readable landmark file"),
+        ("a.mrk.json", '{"markups": ' + "[" * 100_000, "not a readable landmark file"),
         ("a.mrk.json", "[]", "no markups of 3D Slicer"),
         ("a.json", '{"version": 3}', "no markups of 3D Slicer"),
         (

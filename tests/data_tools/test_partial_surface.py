@@ -9,12 +9,12 @@ from data_tools.rotations import random_rotation
 
 
 @pytest.fixture
-def surface(rng) -> PartialSurface:
+def surface(rng):
     points = rng.standard_normal((200, 3)) * [1.0, 0.6, 0.3]
     return PartialSurface.from_user(points, points / np.linalg.norm(points, axis=1, keepdims=True))
 
 
-def transform(rng) -> np.ndarray:
+def transform(rng):
     shift = rng.standard_normal(3)
     turn = Similarity(rotation=random_rotation(rng), scale=np.float64(2.5), shift=shift)
     return turn.transform

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from data_tools.poses import Similarity, keep_apart, moved_by, pose_angle_deg, scales_of
 from data_tools.rotations import random_rotation
@@ -16,10 +17,7 @@ def some_poses(rng, num=5):
 
 
 def about_z(degrees):
-    angle = np.deg2rad(degrees)
-    return np.array(
-        [[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]]
-    )
+    return Rotation.from_euler("z", degrees, degrees=True).as_matrix()
 
 
 def test_several_poses_move_points_as_each_alone_and_as_their_matrices():

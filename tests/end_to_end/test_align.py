@@ -1,7 +1,6 @@
 """Folders of meshes through the whole line, as a user runs it."""
 
 import contextlib
-import csv
 import json
 import shutil
 from dataclasses import replace
@@ -16,7 +15,7 @@ from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
-from tests.commands import read_json, run_command
+from tests.commands import read_json, read_rows, run_command
 from tests.finished_runs import angles_deg, chairs
 from tests.notes import codes
 
@@ -120,8 +119,7 @@ def test_command_line_writes_everything_and_reads_like_the_library(folder, align
     with np.load(out / "correspondences.npz") as arrays:
         assert np.array_equal(arrays["labels"], aligned.maps.labels)
         assert np.array_equal(arrays["vertex_indices"], aligned.samples)
-    with open(out / "pairs.csv", newline="") as table:
-        assert len(list(csv.DictReader(table))) == 10
+    assert len(read_rows(out / "pairs.csv")) == 10
     mesh = read_shape(out / "meshes" / f"{aligned.names[1]}.ply")
     original = read_shape(folder / f"{aligned.names[1]}.ply")
     moved = original.vertices @ aligned.transforms[1, :3, :3].T + aligned.transforms[1, :3, 3]

@@ -109,7 +109,7 @@ def rewritten(folder, **changes):
     """What is said of the proof once some of its arrays are others."""
     with np.load(folder / "certification.npz") as archive:
         arrays = {name: archive[name] for name in archive.files}
-    np.savez_compressed(folder / "certification.npz", **{**arrays, **changes})  # type: ignore[arg-type]
+    np.savez_compressed(folder / "certification.npz", **{**arrays, **changes})
     try:
         found = verify_result(folder).collection
     finally:

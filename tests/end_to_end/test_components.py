@@ -1,7 +1,5 @@
 """Objects that are assembled of components are matched whole; fragments beside shapes are left out."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -11,6 +9,7 @@ from data_tools.io.shapes import read_alike, write_mesh
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
+from tests.commands import read_json
 from tests.finished_runs import angles_deg
 from tests.notes import codes
 
@@ -77,7 +76,7 @@ def test_chairs_of_many_boxes_are_aligned_by_all_of_them(chairs, tmp_path):
     assert "components-joined" in codes(found.notes)
     assert angles_deg(found.rotations @ turns)[0].max() < 10.0
     found.save(tmp_path / "out", report=False)
-    recorded = json.loads((tmp_path / "out" / "alignment.json").read_text())
+    recorded = read_json(tmp_path / "out" / "alignment.json")
     assert [shape.get("pieces") for shape in recorded["shapes"]] == ["all"] * 5
     loaded = load(tmp_path / "out")
     assert loaded.assembled == found.assembled == found.names

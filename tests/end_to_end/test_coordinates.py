@@ -1,6 +1,5 @@
 """Shapes in the coordinates of a map: exports are exact, and coarse steps and colours that are lost are named."""
 
-import csv
 import re
 
 import numpy as np
@@ -11,7 +10,7 @@ from data_tools.datasets.synthetic_shapes import blob
 from data_tools.io.shapes import read_shape
 from data_tools.options import AS_STORED
 from data_tools.rotations import random_rotation
-from tests.commands import run_command
+from tests.commands import read_rows, run_command
 
 FLAGS = ["--sampling.num-points", "12", "--sampling.num-dense-points", "50", "--jobs", "1"]
 PLACE = np.array([456789.123, 5412345.678, 312.4])
@@ -45,7 +44,7 @@ def near(points, file, atol=1e-6):
 
 def test_landmarks_in_raw_space_are_points_of_the_files(surveyed, tmp_path):
     export(surveyed / "out", "csv", tmp_path, space="raw")
-    rows = list(csv.DictReader((tmp_path / "landmarks.csv").read_text().splitlines()))
+    rows = read_rows(tmp_path / "landmarks.csv")
     for name in ("s0", "s3"):
         points = np.array(
             [[float(row[axis]) for axis in "xyz"] for row in rows if row["name"] == name]

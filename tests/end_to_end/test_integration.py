@@ -1,6 +1,5 @@
 """Integration of blocks of landmarks is found from the files of shapes, as a user does it."""
 
-import csv
 import json
 
 import numpy as np
@@ -12,8 +11,8 @@ from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.errors import InputError
 from data_tools.options import SamplingOptions
 from data_tools.surface.shape import Shape
-from tests.commands import run_command
-from tests.finished_runs import finished_run
+from tests.commands import read_json, read_rows, run_command
+from tests.finished_runs import finished_run, on_files, slicer_file
 from tests.notes import codes, only
 
 NUM, NUM_EACH = 12, 5
@@ -48,22 +47,15 @@ def made(tmp_path_factory):
     options = collalign.AlignOptions(
         group="SO", sampling=SamplingOptions(num_points=24, num_dense_points=100)
     )
-    files = []
-    for shape, origin in zip(collection.shapes, collection.origins, strict=True):
-        points = shape.vertices[[int(np.flatnonzero(origin == vertex)[0]) for vertex in chosen]]
-        controls = [
-            {"label": label, "position": point.tolist()}
-            for label, point in zip(LABELS, points, strict=True)
-        ]
-        files.append(folder / f"{shape.name}.mrk.json")
-        files[-1].write_text(
-            json.dumps({"markups": [{"type": "Fiducial", "controlPoints": controls}]})
-        )
+    files = [
+        slicer_file(folder / f"{shape.name}.mrk.json", points, LABELS)
+        for shape, points in zip(collection.shapes, on_files(collection, chosen), strict=True)
+    ]
     return finished_run(folder, collection, options), files
 
 
 def check_planted(folder):
-    rows = list(csv.DictReader((folder / "statistics" / "integration.csv").open()))
+    rows = read_rows(folder / "statistics" / "integration.csv")
     found = {
         (row["first"], row["second"]): row for row in rows if row["superimposed"] == "separately"
     }
@@ -114,7 +106,7 @@ def digitised_again(files, folder, skip=0):
     rng = np.random.default_rng(12)
     folder.mkdir()
     for file in files[skip:]:
-        marks = json.loads(file.read_text())
+        marks = read_json(file)
         for at, control in enumerate(marks["markups"][0]["controlPoints"]):
             error = HAND * (10 if at == SHAKY else 1) * rng.standard_normal(3)
             control["position"] = (np.array(control["position"]) + error).tolist()
@@ -130,15 +122,14 @@ def test_landmarks_that_were_placed_again_tell_the_error_of_the_hand(made, tmp_p
     assert "from 22 measurements of 12 specimens" in said.err
     folder = tmp_path / "out" / "statistics"
     errors = {
-        row["landmark"]: float(row["error"])
-        for row in csv.DictReader((folder / "digitisation.csv").open())
+        row["landmark"]: float(row["error"]) for row in read_rows(folder / "digitisation.csv")
     }
     assert max(errors, key=errors.get) == LABELS[SHAKY]
     others = [error for name, error in errors.items() if name != LABELS[SHAKY]]
     np.testing.assert_allclose(np.median(others), HAND * np.sqrt(3 / 2), rtol=0.2)
-    (row, *_) = csv.DictReader((folder / "measurement_error.csv").open())
+    (row, *_) = read_rows(folder / "measurement_error.csv")
     assert 0.9 < float(row["repeatability"]) < 1
-    counts = [row["measurements"] for row in csv.DictReader((folder / "repeats.csv").open())]
+    counts = [row["measurements"] for row in read_rows(folder / "repeats.csv")]
     assert sorted(counts) == ["1"] * 2 + ["2"] * 10
 
 

@@ -1,7 +1,5 @@
 """Mistakes in labels and sizes, and what is left out, are said: by the command line, and in Python."""
 
-import csv
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +12,7 @@ from data_tools.datasets.synthetic import deformed_family, mirrored
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.io.shapes import write_ply
 from data_tools.rotations import random_rotation
-from tests.commands import read_json, run_command
+from tests.commands import read_json, read_rows, run_command
 from tests.notes import codes, only
 
 NUM = 10
@@ -108,13 +106,13 @@ def test_what_is_left_out_is_compared_with_what_counts(result, tmp_path):
     assert (offer.shapes, offer.values["num"]) == (NAMES[:3], 9)
     assert only(found.notes, "labels-misspelt").values["groups"] == ("M",)
     assert "labels-taken-as" not in codes(found.notes), "that was another table"
-    record = json.loads((tmp_path / "some" / "run-variation.json").read_text())["options"]
+    record = read_json(tmp_path / "some" / "run-variation.json")["options"]
     assert {"left-out-differ", "labels-of-sides", "size-apart"} <= {
         one["code"] for one in record["notes"]
     }
     page = (tmp_path / "some" / "variation.html").read_text("utf-8")
     assert "The 6 shapes that count are not like all 9 in age" in page
-    rows = csv.DictReader((tmp_path / "some" / "statistics" / "left_out.csv").open())
+    rows = read_rows(tmp_path / "some" / "statistics" / "left_out.csv")
     (row,) = (row for row in rows if row["column"] == "age")
     assert (row["counted"], row["left_out"], row["least_left_out"]) == ("6", "3", "0.0")
     said = run_command(

@@ -1,6 +1,5 @@
 """``collalign match`` on two files, rigid and deformable."""
 
-import csv
 import re
 
 import numpy as np
@@ -15,7 +14,7 @@ from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
-from tests.commands import read_json, run_command
+from tests.commands import read_json, read_rows, run_command
 from tests.pairwise.test_partial_match import cut, moved
 
 
@@ -128,8 +127,7 @@ def test_nonrigid_match_writes_a_map_of_all_vertices(tmp_path, rng, capsys):
     with np.load(tmp_path / "o" / "map.npz", allow_pickle=False) as arrays:
         there, back = arrays["point_map_target_source"], arrays["point_map_source_target"]
         confidence = arrays["vertex_confidence"]
-    with (tmp_path / "o" / "map_landmarks.csv").open(newline="") as stream:
-        carried = list(csv.DictReader(stream))
+    carried = read_rows(tmp_path / "o" / "map_landmarks.csv")
     places = np.array([[float(row[axis]) for axis in "xyz"] for row in carried])
     np.testing.assert_allclose(
         places, read_shape(source).vertices[back[marked]], rtol=1e-4, atol=1e-6

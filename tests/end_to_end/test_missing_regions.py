@@ -1,6 +1,5 @@
 """What follows from a broken shape in all that is made of a result: nothing is invented where it has nothing."""
 
-import csv
 import json
 import shutil
 from dataclasses import replace
@@ -19,7 +18,8 @@ from data_tools.landmark_files import Landmarks
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation
 from data_tools.surface.topology import boundary_edges
-from tests.commands import run_command
+from tests.commands import read_rows, run_command
+from tests.finished_runs import radius
 from tests.pairwise.test_partial_match import cut, moved
 from tests.view_problems import write_result
 
@@ -60,8 +60,7 @@ class Teeth:
     @property
     def size(self):
         """Root mean square radius of the broken tooth as it was."""
-        points = self.whole[BROKEN]
-        return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
+        return radius(self.whole[BROKEN])
 
     def lost(self, vertices):
         """Distance of vertices of the broken tooth, as it was, from what is left of it, in radii."""
@@ -142,8 +141,8 @@ def test_broken_and_doubtful_shapes_are_left_out_unless_asked_for_and_too_few_ha
     command = ["variation", str(result), "--store", str(teeth.run.store), "--jobs", "1"]
     assert f"Left out of the statistics: {doubted} (in doubt)" in run_command(*command).err
     assert f"{BROKEN},incomplete" in (result / "variation" / "left_out.csv").read_text().split()
-    with (result / "variation" / "scores.csv").open() as file:
-        assert {doubted, BROKEN}.isdisjoint(line["name"] for line in csv.DictReader(file))
+    scored = {line["name"] for line in read_rows(result / "variation" / "scores.csv")}
+    assert {doubted, BROKEN}.isdisjoint(scored)
     (tmp_path / "labels.csv").write_text(
         "\n".join(["name,kind", *(f"{name},a" for name in view.names)]) + "\n"
     )

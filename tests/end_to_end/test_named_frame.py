@@ -1,7 +1,6 @@
 """Up, front and origin of the common frame, from the axes of a shape's file or from its landmarks."""
 
 import csv
-import json
 
 import numpy as np
 import pytest
@@ -11,7 +10,7 @@ from collalign import AlignOptions, align_collection
 from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import InputError, OptionsError
 from data_tools.poses import moved_by
-from tests.commands import run_command
+from tests.commands import read_json, run_command
 from tests.finished_runs import chairs
 
 OPTIONS = {"sampling": {"num_points": 24, "num_dense_points": 0}, "incomplete": "never"}
@@ -81,7 +80,7 @@ def test_axes_keep_the_frame_of_the_reference_and_are_recorded(align, planted, t
     np.testing.assert_array_equal(found.rotations, plain.rotations)
     np.testing.assert_allclose(found.transforms[1, :3, 3], 0.0, atol=1e-12)
     found.save(tmp_path / "out", report=False)
-    record = json.loads((tmp_path / "out" / "alignment.json").read_text())
+    record = read_json(tmp_path / "out" / "alignment.json")
     assert record["decided"]["frame"] == {"up": "y", "front": "-x"}
 
 

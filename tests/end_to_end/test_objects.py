@@ -1,6 +1,5 @@
 """A collection that lies in memory is aligned exactly like the same collection in a folder."""
 
-import json
 import sys
 
 import numpy as np
@@ -13,6 +12,7 @@ from data_tools.errors import InputError
 from data_tools.io.objects import list_shapes
 from data_tools.io.shapes import read_shape
 from data_tools.options import SamplingOptions
+from tests.commands import read_json
 from tests.finished_runs import chairs
 
 OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=24, num_dense_points=0))
@@ -81,9 +81,7 @@ def test_the_store_knows_shapes_by_their_content_and_a_bad_one_is_left_out_by_it
 def test_saved_results_say_that_there_are_no_files(from_memory, tmp_path):
     out, to = tmp_path / "out", tmp_path / "to"
     from_memory.save(out)
-    assert [
-        shape["file"] for shape in json.loads((out / "alignment.json").read_text())["shapes"]
-    ] == ["", "", ""]
+    assert [shape["file"] for shape in read_json(out / "alignment.json")["shapes"]] == ["", "", ""]
     assert len(read_shape(out / "meshes" / "b.ply").vertices)
     export(out, "tps", to)
     with pytest.raises(InputError, match="a: came from memory"):

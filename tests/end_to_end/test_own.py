@@ -11,7 +11,7 @@ from collalign import align_collection
 from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import InputError, OptionsError
 from data_tools.rotations import rotation_angle_deg
-from tests.commands import run_command
+from tests.commands import read_json, run_command
 from tests.finished_runs import chairs
 from tests.notes import only
 
@@ -150,7 +150,7 @@ def test_the_command_takes_a_file_and_results_say_what_they_cannot_repeat(
     run_command("align", tmp_path / "shapes", "--out", out, "--own", own, *flags)
     said = "Given by you: invariants (1 columns of weight 0.4); poses of 2 pairs, "
     assert said in capsys.readouterr().out
-    record = json.loads((out / "alignment.json").read_text())
+    record = read_json(out / "alignment.json")
     assert record["decided"]["own"] == [
         "invariants",
         "candidates",

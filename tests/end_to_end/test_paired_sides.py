@@ -1,6 +1,5 @@
 """Left and right of individuals are compared from their files, as a user does it."""
 
-import csv
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +12,7 @@ from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
 from data_tools.io.shapes import write_ply
 from data_tools.rotations import random_rotation
-from tests.commands import read_json, run_command
+from tests.commands import read_json, read_rows, run_command
 
 NUM = 5
 #: How often each individual was measured on each side; one has no right side.
@@ -53,10 +52,6 @@ def result(tmp_path_factory):
     return place / "out"
 
 
-def table(path):
-    return list(csv.DictReader(path.open()))
-
-
 def test_sides_and_repeats_are_compared_and_said(result, tmp_path):
     words = ("variation", result, "--to", tmp_path / "out", "--jobs", 1, "--include-doubtful")
     said = run_command(*words, "--individual", "bone", "--side", "way", "--permutations", 99)
@@ -64,24 +59,24 @@ def test_sides_and_repeats_are_compared_and_said(result, tmp_path):
     assert "One side is lacking of 4." in said.err
     assert "The repeatability of shape is" in said.err
     folder = tmp_path / "out" / "statistics"
-    anova = {row["effect"]: row for row in table(folder / "sides.csv")}
+    anova = {row["effect"]: row for row in read_rows(folder / "sides.csv")}
     assert [*anova] == ["individual", "side", "individual:side", "residual", "total"]
     assert [row["Df"] for row in anova.values()] == ["3", "1", "3", "3", "10"]
     asymmetry = {
-        row["individual"]: float(row["asymmetry"]) for row in table(folder / "asymmetry.csv")
+        row["individual"]: float(row["asymmetry"]) for row in read_rows(folder / "asymmetry.csv")
     }
     others = [one for who, one in asymmetry.items() if who != str(UNLIKE)]
     assert asymmetry.keys() == {"0", "1", "2", "3"}
     assert asymmetry[str(UNLIKE)] > 2 * max(others)
-    error = {row["effect"]: row for row in table(folder / "measurement_error.csv")}
+    error = {row["effect"]: row for row in read_rows(folder / "measurement_error.csv")}
     assert float(error["individual"]["repeatability"]) > 0.9
-    repeats = {row["individual"]: row["measurements"] for row in table(folder / "repeats.csv")}
+    repeats = {row["individual"]: row["measurements"] for row in read_rows(folder / "repeats.csv")}
     assert repeats["2 R"] == "2"
     assert len(repeats) == 9
     assert "4 individuals have both sides" in (tmp_path / "out" / "variation.html").read_text(
         "utf-8"
     )
-    tested = {row["model"] for row in table(folder / "anova.csv")}
+    tested = {row["model"] for row in read_rows(folder / "anova.csv")}
     assert not any("bone" in model for model in tested), "individuals are no covariate"
     options = read_json(tmp_path / "out" / "run-variation.json")["options"]
     assert options["sides"].count("L") == 7

@@ -1,7 +1,5 @@
 """Several meshes of one specimen move as one: read together, sampled by area, written one by one."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -15,7 +13,7 @@ from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.poses import moved_by
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
-from tests.commands import run_command
+from tests.commands import read_json, run_command
 from tests.finished_runs import angles_deg
 
 NUM = 4
@@ -81,7 +79,7 @@ def test_one_pose_a_specimen_and_every_part_is_written_there(folder, out, poses)
     np.testing.assert_allclose(
         exported.area, read_shape(out / "meshes" / "s2" / "mandible.ply").area, rtol=1e-4
     )
-    record = json.loads((out / "alignment.json").read_text())
+    record = read_json(out / "alignment.json")
     assert [shape["file"] for shape in record["shapes"]] == ["s0.*", "s1.*", "s2.*", "s3.*"]
     assert record["shape_notes"]["s0"][0]["values"] == {"parts": ["cranium", "mandible"]}
 

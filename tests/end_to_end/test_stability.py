@@ -1,6 +1,5 @@
 """The check of a result's stability, as a user runs it, on generated shapes."""
 
-import csv
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +16,7 @@ from collalign.tools.stability.command import stability_summary, write_stability
 from collalign.tools.stability.run import StabilityOptions
 from data_tools.errors import InputError
 from data_tools.options import SamplingOptions
-from tests.commands import run_command
+from tests.commands import read_rows, run_command
 from tests.finished_runs import chairs, finished_run, made_once
 from tests.view_problems import write_result
 
@@ -62,7 +61,7 @@ def test_the_command_writes_tables_and_picture_and_goes_on_from_the_store(result
     assert {name: (result / name).read_bytes() for name in before} == before
     with Store.open(result / "store.sqlite") as store:
         num_pairs = len(store.keys("pairs"))
-    rows = list(csv.DictReader((result / "stability.csv").open()))
+    rows = read_rows(result / "stability.csv")
     assert [float(row["pose_stays"]) for row in rows] == [1.0] * 5
     assert sorted(row["repetitions"] for row in rows) == ["2", "3", "3", "3", "3"]
     first = (result / "stability.csv").read_bytes()

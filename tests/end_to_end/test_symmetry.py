@@ -1,7 +1,5 @@
 """Asymmetry that was planted in generated bilateral shapes is found from their files, as a user does it."""
 
-import csv
-
 import numpy as np
 import pytest
 
@@ -12,8 +10,8 @@ from data_tools.errors import InputError
 from data_tools.landmark_files import Landmarks
 from data_tools.options import SamplingOptions
 from data_tools.surface.shape import Shape
-from tests.commands import run_command
-from tests.finished_runs import finished_run
+from tests.commands import read_rows, run_command
+from tests.finished_runs import finished_run, on_files
 
 #: Height of the one-sided bump of each specimen, in radii.
 PLANTED = (0.0, 0.0, 0.1, 0.2, 0.3, 0.0)
@@ -53,14 +51,11 @@ def result(tmp_path_factory):
     return finished_run(tmp_path_factory.mktemp("symmetry"), PLANTED_COLLECTION, options)
 
 
-def rows(path):
-    return list(csv.DictReader(path.open()))
-
-
 def check_planted(folder, names):
     """The asymmetry of each specimen follows its bump."""
     found = {
-        row["name"]: float(row["asymmetry"]) for row in rows(folder / "symmetry/asymmetric.csv")
+        row["name"]: float(row["asymmetry"])
+        for row in read_rows(folder / "symmetry/asymmetric.csv")
     }
     planted = np.array([PLANTED[int(name[1:])] for name in names])
     asymmetry = np.array([found[name] for name in names])
@@ -87,10 +82,10 @@ def test_the_planted_asymmetry_is_found(result, tmp_path):
     ]
     run_command(*words, "--individuals", "owner")
     check_planted(to, names)
-    anova = {row["effect"]: row for row in rows(to / "symmetry/procrustes_anova.csv")}
+    anova = {row["effect"]: row for row in read_rows(to / "symmetry/procrustes_anova.csv")}
     assert list(anova) == ["individual", "side", "individual:side", "total"]
     assert np.isclose(sum(float(row["Rsq"]) for row in anova.values()), 2)
-    sizes = [float(row["centroid_size_surface"]) for row in rows(to / "scores.csv")]
+    sizes = [float(row["centroid_size_surface"]) for row in read_rows(to / "scores.csv")]
     assert max(sizes) > 1.5 * min(sizes)
     assert len(list((to / "symmetry/specimens").iterdir())) == len(names)
     run_command(*words, "--individuals", "nobody", ends=InputError.exit_code)
@@ -128,10 +123,6 @@ def landmarks(name):
         int(np.linalg.norm(sphere - place / np.linalg.norm(place), axis=1).argmin())
         for place in sides
     ]
-    at = int(name[1:])
-    origin = PLANTED_COLLECTION.origins[at]
-    rows_in_file = [int(np.flatnonzero(origin == vertex)[0]) for vertex in chosen]
     labels = tuple(f"{side} {number}" for side in ("left", "right") for number in range(len(SIDES)))
-    return {
-        name: Landmarks(labels=labels, points=PLANTED_COLLECTION.shapes[at].vertices[rows_in_file])
-    }
+    points = on_files(PLANTED_COLLECTION, chosen)[int(name[1:])]
+    return {name: Landmarks(labels=labels, points=points)}

@@ -1,7 +1,6 @@
 """Landmarks carried over a generated collection whose true places are known, as a user does it."""
 
 import csv
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -27,9 +26,8 @@ from data_tools.landmark_files import Landmarks, read_landmarks
 from data_tools.options import SamplingOptions
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import Shape
-from tests.collalign.registration.test_fit import radius
-from tests.commands import run_command
-from tests.finished_runs import finished_run
+from tests.commands import read_json, read_rows, run_command
+from tests.finished_runs import finished_run, on_files, radius, slicer_file
 from tests.view_problems import write_result
 
 NUM_SHAPES = 6
@@ -42,26 +40,13 @@ HAND = 0.02
 
 def true_landmarks(planted):
     """Return every shape's landmarks in its own coordinates, shape (N, l, 3)."""
-    rows = [
-        [int(np.flatnonzero(origin == v)[0]) for v in LANDMARK_VERTICES]
-        for origin in planted.origins
-    ]
-    return np.stack([shape.vertices[row] for shape, row in zip(planted.shapes, rows, strict=True)])
+    return on_files(planted, LANDMARK_VERTICES)
 
 
 def errors(found, planted):
     """Return the distances from the truth in root mean square radii, shape (N, l)."""
     units = np.array([radius(shape.vertices) for shape in planted.shapes])
     return np.asarray(np.linalg.norm(found - true_landmarks(planted), axis=2) / units[:, None])
-
-
-def slicer_file(path, points, labels):
-    controls = [
-        {"label": label, "position": point.tolist()}
-        for label, point in zip(labels, points, strict=True)
-    ]
-    path.write_text(json.dumps({"markups": [{"type": "Fiducial", "controlPoints": controls}]}))
-    return path
 
 
 @pytest.fixture(scope="module")
@@ -163,13 +148,13 @@ def test_the_command_writes_landmarks_tables_and_a_plot(
         f"{NUM_SHAPES} of {NUM_SHAPES} specimens have all 6 landmarks"
         in (to / "landmarks.html").read_text()
     )
-    rows = list(csv.DictReader((to / "transfer.csv").open()))
+    rows = read_rows(to / "transfer.csv")
     assert len(rows) == 6 * NUM_SHAPES
     assert float(rows[-1]["radius"]) > 0
     vector = [float(rows[-1][f"along_{axis}"]) for axis in "xyz"]
     assert np.isclose(np.linalg.norm(vector), float(rows[-1]["along"]))
     assert float(rows[-1]["along"]) >= float(rows[-1]["across"]) >= float(rows[-1]["normal"]) > 0
-    left_out = list(csv.DictReader((to / "leave_one_out.csv").open()))
+    left_out = read_rows(to / "leave_one_out.csv")
     assert len(left_out) == 30
     assert "30 landmarks of 5 templates" in capsys.readouterr().out
     cited = run_command("status", to, "--cite").out
@@ -206,11 +191,11 @@ def test_a_template_with_two_landmarks_swapped_is_named_and_changes_nothing(
         "transfer", result, "--landmarks", *wrong, "--to", to, "--jobs", "1", "--store", run.store
     )
     assert f"Templates disagree on tip 1 and tip 4 in {name}: swapped?" in said.out
-    rows = list(csv.DictReader((to / "agreement.csv").open()))
+    rows = read_rows(to / "agreement.csv")
     found = {(row["template"], row["landmark"]) for row in rows if row["finding"]}
     assert found == {(name, "tip 1"), (name, "tip 4")}
     assert {row["trust"] for row in rows if row["finding"]} == {"0.0"}
-    written = json.loads((to / "agreement.json").read_text())
+    written = read_json(to / "agreement.json")
     assert np.array(written["distance"]).shape == np.array(written["trust"]).shape == (3, 6)
     assert [one["finding"] for one in written["findings"]] == ["swapped?", "swapped?"]
     assert (to / "agreement.png").read_bytes().startswith(b"\x89PNG")
@@ -238,18 +223,11 @@ def edge_path():
     return path[::-1]
 
 
-def on_file(planted, at, vertices):
-    origin = planted.origins[at]
-    return planted.shapes[at].vertices[
-        [int(np.flatnonzero(origin == vertex)[0]) for vertex in vertices]
-    ]
-
-
 def test_curves_and_points_of_the_surface_reach_all_others(result, planted, tmp_path, run):
     path = edge_path()
     curves = []
     for at, shape in enumerate(planted.shapes[:2]):
-        drawn = on_file(planted, at, path[:: 1 - 2 * at])
+        drawn = on_files(planted, path[:: 1 - 2 * at])[at]
         (tmp_path / "edge").mkdir(exist_ok=True)
         curves.append(tmp_path / "edge" / f"{shape.name}.fcsv")
         curves[-1].write_text(
@@ -272,7 +250,7 @@ def test_curves_and_points_of_the_surface_reach_all_others(result, planted, tmp_
         found = read_landmarks(to / f"{names[at]}.mrk.json")
         rim = next(one for one in found.semilandmarks if one.name == "edge")
         assert (rim.kind, len(rim.points), len(found.points)) == ("open curve", 9, 25)
-        truth, unit = on_file(planted, at, path), radius(planted.shapes[at].vertices)
+        truth, unit = on_files(planted, path)[at], radius(planted.shapes[at].vertices)
         assert np.linalg.norm(rim.points[:, None] - truth, axis=2).min(axis=1).mean() < 0.1 * unit
         assert np.linalg.norm(rim.points[[0, -1]] - truth[[0, -1]], axis=1).max() < 0.15 * unit, (
             "both drawn one way"

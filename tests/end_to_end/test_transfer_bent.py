@@ -8,14 +8,14 @@ import pytest
 
 import collalign
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, save_vertex_maps
-from collalign.products.consistent_maps import VertexMaps
 from data_tools.datasets.synthetic import bent, planted_collection
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import CollalignError
 from data_tools.landmark_files import Landmarks
 from data_tools.options import SamplingOptions
-from tests.finished_runs import finished_run
+from tests.finished_runs import finished_run, on_files, radius
+from tests.products import vertex_maps_of
 
 BODY = figure(resolution=1)
 NUM_SHAPES = 4
@@ -45,27 +45,16 @@ def result(planted, tmp_path_factory):
     return finished_run(tmp_path_factory.mktemp("bent"), planted, options)
 
 
-def places(planted):
-    """Return where each file has the vertices of the body at rest."""
-    return [np.argsort(origin) for origin in planted.origins]
-
-
 def exact_maps(planted, *, names=NAMES):
     """Return the true maps of some shapes, through the first, of which a twentieth is wrong."""
-    rng, at = np.random.default_rng(3), places(planted)
+    rng, at_rest = np.random.default_rng(3), on_files(planted, np.arange(len(BODY.vertices) + 1))
     on_reference = []
     for name in names:
-        own = planted.shapes[0].vertices[at[0][planted.origins[NAMES.index(name)]]]
+        own = at_rest[0][planted.origins[NAMES.index(name)]]
         wrong = rng.random(len(own)) < 0.05
         own[wrong] = rng.permutation(own)[wrong]
         on_reference.append(own)
-    return VertexMaps(
-        names=names,
-        reference=NAMES[0],
-        places=tuple(on_reference),
-        confidence=np.ones(len(names)),
-        vertex_confidence=tuple(np.ones(len(own)) for own in on_reference),
-    )
+    return vertex_maps_of(names, on_reference)
 
 
 def with_maps(result, maps, to):
@@ -81,19 +70,11 @@ def run(tmp_path_factory):
 
 def carried(out, planted, run):
     """Carry landmarks of the first shape to all and return the errors of the others, in radii, by shape."""
-    true = np.stack(
-        [
-            shape.vertices[at[MARKS]]
-            for shape, at in zip(planted.shapes, places(planted), strict=True)
-        ]
-    )
+    true = on_files(planted, MARKS)
     given = {NAMES[0]: Landmarks(labels=LABELS, points=true[0])}
     found = collalign.landmarks.transfer_landmarks(out, given, run=run, progress=False)
     assert found.names == NAMES
-    units = [
-        np.sqrt(((s.vertices - s.vertices.mean(axis=0)) ** 2).sum(axis=1).mean())
-        for s in planted.shapes
-    ]
+    units = [radius(shape.vertices) for shape in planted.shapes]
     errors = np.linalg.norm(found.points - true, axis=2) / np.array(units)[:, None]
     return np.asarray(errors[1:].mean(axis=1))
 

@@ -1,16 +1,16 @@
 """The collections and the classification, from end to end on generated layouts."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from collalign.engine.store import Store
 from data_tools.datasets.synthetic import deformed_family
 from data_tools.datasets.synthetic_shapes import chair, crown
 from data_tools.io.shapes import write_mesh
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
 from experiments import load_experiment
-from experiments.experiment import Bench
 from experiments.write import write_experiment
 
 MARKS = np.arange(0, 18 * 30, 30)
@@ -75,11 +75,10 @@ def layouts(tmp_path_factory):
 
 
 @pytest.mark.parametrize("name", ["classification", "figure13"])
-def test_quick_run_writes_tables_and_pictures(name, layouts, tmp_path):
+def test_quick_run_writes_tables_and_pictures(name, layouts, bench, tmp_path):
     experiment = load_experiment(name)
-    with Store.memory() as store:
-        bench = Bench(data=layouts, store=store, quick=True, quiet=True)
-        outcome = experiment.measure(bench)
-        written = write_experiment(experiment, outcome, bench, tmp_path)
+    bench = replace(bench, data=layouts)
+    outcome = experiment.measure(bench)
+    written = write_experiment(experiment, outcome, bench, tmp_path)
     assert {path.suffix for path in written} == {".csv", ".png", ".md"}
     assert all(table.rows for table in outcome.tables)

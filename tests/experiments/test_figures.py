@@ -1,14 +1,14 @@
 """Each figure of the paper from end to end, on generated collections."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from collalign.engine.store import Store
 from data_tools.datasets.synthetic import bent
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.io.shapes import write_mesh
 from experiments import load_experiment
-from experiments.experiment import Bench
 from experiments.figures import figure3, figure5, figure14
 from experiments.maps import map_sets
 from experiments.write import write_experiment
@@ -69,8 +69,8 @@ def write_shrec_class(folder, shapes, marks):
 
 
 @pytest.fixture
-def bench(collections):
-    return Bench(data=collections, store=Store.memory(), quick=True, quiet=True)
+def bench(bench, collections):
+    return replace(bench, data=collections)
 
 
 def rows_of(bench, name, folder):

@@ -1,12 +1,12 @@
 """Kinds that are mixed: what counts as pure, split and alone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from collalign.engine.store import Store
 from experiments.collections import kinds
 from experiments.collections.kinds import num_alone, num_split, purity
-from experiments.experiment import Bench
 
 TRUE = np.array([0, 0, 0, 0, 0, 0, 1, 1, 1])
 
@@ -30,9 +30,8 @@ def test_merged_kinds_are_impure_and_parts_of_one_are_split(found, share, split,
 
 @pytest.mark.data
 @pytest.mark.usefixtures("quick_search")
-def test_a_quick_run_fills_both_tables(shared_data, tmp_path):
-    bench = Bench(data=shared_data, store=Store.memory(), quick=True, quiet=True, results=tmp_path)
-    mixed, single = kinds.measure(bench).tables
+def test_a_quick_run_fills_both_tables(shared_data, bench):
+    mixed, single = kinds.measure(replace(bench, data=shared_data)).tables
     assert mixed.rows[0]["shapes"] == 10
     assert mixed.rows[0]["purity"] >= 90.0
     assert single.rows[0]["found"] == 1

@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from collalign.engine.store import Store
 from data_tools.rotations import random_rotation
 from experiments.collections import library
 from experiments.collections.library import share_as_at_once
-from experiments.experiment import Bench
 
 KINDS = np.array([0, 0, 0, 1, 1])
 
@@ -40,8 +38,7 @@ def test_a_pose_that_moved_is_noticed_where_both_ways_pose_the_pair_together(onc
 
 
 @pytest.mark.usefixtures("quick_search")
-def test_a_quick_run_finds_the_kinds_both_ways(tmp_path):
-    bench = Bench(data=tmp_path, store=Store.memory(), quick=True, quiet=True, results=tmp_path)
+def test_a_quick_run_finds_the_kinds_both_ways(bench):
     (table,) = library.measure(bench).tables
     assert [row["shapes"] for row in table.rows] == [12, 6, 12, 12]
     assert [row["found"] for row in table.rows] == [2] * 4

@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from collalign.engine.store import Store
 from experiments.collections import parts
 from experiments.collections.parts import CUTS, cut_family
-from experiments.experiment import Bench
 
 
 @pytest.mark.parametrize("cut", CUTS)
@@ -24,8 +22,7 @@ def test_as_much_is_cut_off_as_is_said_of_the_shapes_that_are_meant(cut):
 
 
 @pytest.mark.usefixtures("quick_search")
-def test_a_quick_run_measures_both_readings(tmp_path):
-    bench = Bench(data=tmp_path, store=Store.memory(), quick=True, quiet=True, results=tmp_path)
+def test_a_quick_run_measures_both_readings(bench):
     table, single = parts.measure(bench).tables
     assert [row["reading"] for row in table.rows] == [
         "by default",

@@ -7,13 +7,12 @@ from functools import partial
 import numpy as np
 import pytest
 
-from collalign.engine.store import Store
 from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
 from data_tools.datasets.synthetic_shapes import chair, crown
 from data_tools.io.shapes import write_mesh
 from experiments.collections import deformations, teeth_jobs
 from experiments.collections.posed import PosedCollection
-from experiments.experiment import Bench, Cell
+from experiments.experiment import Cell
 from experiments.peers import capod
 from experiments.peers.peer_tools import TOOLS
 
@@ -61,11 +60,10 @@ def write_canonical_class(folder, shapes):
     (folder / "truth.json").write_text(json.dumps({"shapes": rows}))
 
 
-def test_the_quick_run_of_capod_counts_each_tool(rng, tmp_path, monkeypatch):
+def test_the_quick_run_of_capod_counts_each_tool(rng, bench, tmp_path, monkeypatch):
     members = deformed_family(crown(num_vertices=600), 4, rng, rms=0.01)
     write_canonical_class(tmp_path / capod.FOLDER / "gun", members)
     monkeypatch.setattr(capod, "TOOLS", {name: TOOLS[name] for name in ("collalign", "axes")})
-    bench = Bench(data=tmp_path, store=Store.memory(), quick=True, quiet=True)
     outcome = capod.EXPERIMENT.measure(bench)
     rows = {(row["class"], row["tool"]): row for row in outcome.tables[0].rows}
     ours, axes = rows["gun", "collalign"], rows["gun", "principal axes + ICP + tree"]
@@ -83,10 +81,9 @@ def test_the_quick_run_of_capod_counts_each_tool(rng, tmp_path, monkeypatch):
     assert row["gross"] == pytest.approx(200 / 3)
 
 
-def test_the_quick_run_of_deformations_is_the_same_twice(tmp_path, monkeypatch):
+def test_the_quick_run_of_deformations_is_the_same_twice(bench, monkeypatch):
     monkeypatch.setattr(deformations, "PEERS", ("axes",))
     monkeypatch.setattr(deformations, "chair", partial(chair, resolution=1))
-    bench = Bench(data=tmp_path, store=Store.memory(), quick=True, quiet=True)
     main, families = deformations.EXPERIMENT.measure(bench).tables
     ours = main.rows[0]
     assert (ours["tool"], ours["same_bytes"]) == ("collalign", "yes")

@@ -1,14 +1,13 @@
 """The experiment on partial scans from end to end, on generated shapes."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from collalign.engine.store import Store
 from data_tools.datasets.synthetic_shapes import crown
 from data_tools.io.shapes import write_mesh
-from experiments.experiment import Bench
 from experiments.peers import scans
 from tests.optional import PEERS_EXTRA, optional_module
 
@@ -23,13 +22,12 @@ def layouts(tmp_path_factory):
     return root
 
 
-def test_the_quick_run_measures_views_of_a_generated_object(layouts, monkeypatch):
+def test_the_quick_run_measures_views_of_a_generated_object(layouts, bench, monkeypatch):
     optional_module("rustcpd", PEERS_EXTRA)
     monkeypatch.setattr(
         scans, "MATCHERS", {"principal axes + CPD": scans.MATCHERS["principal axes + CPD"]}
     )
-    bench = Bench(data=layouts, store=Store.memory(), quick=True, quiet=True)
-    pairs, joined = scans.EXPERIMENT.measure(bench).tables
+    pairs, joined = scans.EXPERIMENT.measure(replace(bench, data=layouts)).tables
     assert [row["tool"] for row in pairs.rows] == ["collalign", "principal axes + CPD"]
     assert pairs.rows[0]["class_0"].endswith("of 3")
     assert [row["scans"] for row in joined.rows] == ["horse", "horse"]

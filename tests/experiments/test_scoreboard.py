@@ -1,6 +1,7 @@
 """The scoreboard: its sets, what counts as gross, wrong and usable, and the figures of the code before."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -9,7 +10,6 @@ import pytest
 
 from collalign.confidence import reliability_model
 from collalign.confidence.reliability_model import RIGHT, STEPS
-from collalign.engine.store import Store
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
 from data_tools.io.shapes import write_mesh
@@ -19,7 +19,6 @@ from experiments.collections import scoreboard
 from experiments.collections.posed import PosedCollection
 from experiments.collections.scoreboard import Drawn, compare, kinds_of, read_before, row_of
 from experiments.datasets import read_truth_folder
-from experiments.experiment import Bench
 from experiments.write import write_experiment
 
 
@@ -134,10 +133,8 @@ def test_the_product_reads_what_is_expected_as_the_scoreboard_writes_it(tmp_path
     assert (tmp_path / "again.csv").read_bytes() == own
 
 
-def test_the_smallest_scoreboard_is_measured_and_written(tmp_path):
-    bench = Bench(
-        data=tmp_path, store=Store.memory(), quick=True, quiet=True, results=tmp_path / "results"
-    )
+def test_the_smallest_scoreboard_is_measured_and_written(bench, tmp_path):
+    bench = replace(bench, results=tmp_path / "results")
     experiment = scoreboard.EXPERIMENT
     write_experiment(experiment, experiment.measure(bench), bench, tmp_path)
     rows = read_before(tmp_path / "results" / "scoreboard.csv")

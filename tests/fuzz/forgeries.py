@@ -25,6 +25,7 @@ from data_tools.errors import InputError
 from data_tools.options import SamplingOptions
 from pairwise import Problem
 from pairwise.local_search import MatchingCosts, energies_of
+from tests.commands import read_json
 from tests.finished_runs import chairs
 from tests.fuzz.certificates import NOT_FOR_THIS_TYPE, changed, generators
 
@@ -75,7 +76,7 @@ def _give_up(number, frame):
 
 def false_claim(folder, found):
     """Return the first bound that exceeds an energy of the folder's own samples, empty if none does."""
-    record = json.loads((folder / "alignment.json").read_text())
+    record = read_json(folder / "alignment.json")
     names = [shape["name"] for shape in record["shapes"]]
     linear = np.array([shape["transform"] for shape in record["shapes"]], dtype=float)[:, :3, :3]
     placed = np.load(folder / "correspondences.npz")["positions"]

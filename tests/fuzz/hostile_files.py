@@ -32,13 +32,7 @@ def cases():
         (_ply, targets.read_shape_file),
         (_text, targets.read_shape_file),
         (_landmarks, targets.read_landmark_file),
-        (_own, targets.read_own_file),
-        (_results, targets.read_result),
-        (_certificates, targets.read_certificate),
-        (_configs, targets.read_config),
         (_stores, targets.read_store),
-        (_decisions, targets.read_decisions),
-        (_manifests, targets.read_manifest),
     ):
         for name, make in group().items():
             found[f"{group.__name__[1:]} {name}"] = (target, make)
@@ -140,7 +134,6 @@ def _pcd():
         return file("binary_compressed", sizes + runs, num)
 
     bodies = {
-        "packed": lambda: packed(400 * MIB // 12),
         "packed that is bearable": lambda: packed(1_000_000),
         "fields of any count": file("binary", bytes(600), 50, "x y z w", f"1 1 1 {10**18}"),
     }
@@ -304,7 +297,6 @@ def _ply():
 def _text():
     vertex = b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"
     files = {
-        "stl count": ("a.stl", bytes(80) + b"\xfe\xff\xff\xff" + bytes(500)),
         "stl names": ("a.stl", b"solid " + b"facet normal " * 200_000),
         "stl blanks": ("a.stl", b"solid a facet" + b" " * 10**6 + b"normal" + b" " * 10**6),
         "obj polygon": ("a.obj", vertex + b"f" + b" 1 2 3" * 200_000 + b"\n"),
@@ -322,67 +314,10 @@ def _text():
 
 def _landmarks():
     files = {
-        "slicer brackets": ("a.mrk.json", b'{"markups": ' + b"[" * 10**5),
-        "slicer numbers": (
-            "a.mrk.json",
-            b'{"markups": [{"controlPoints": ' + b"9" * 10**5 + b"}]}",
-        ),
         "tps count": ("a.tps", b"LM3=999999999999\n1 2 3\n"),
         "nts counts": ("a.nts", b"1 999999999L 999999999 0 DIM=3\n1 2 3\n"),
     }
     return {name: _file(*file) for name, file in files.items()}
-
-
-def _own():
-    files = {
-        "the root": ("own.json", b'{"invariants": "/"}'),
-        "brackets": ("own.json", b"[" * 10**5),
-    }
-    return {name: _file(*file) for name, file in files.items()}
-
-
-def _results():
-    files = {
-        "evidence": ("evidence.npz", lambda: bomb(zipfile.ZIP_DEFLATED)),
-        "evidence of 2 PiB": (
-            "evidence.npz",
-            archive(("version.npy", npy(f"({2**48},)", bytes(48)))),
-        ),
-    }
-    return {name: _file(*file) for name, file in files.items()}
-
-
-def _certificates():
-    bodies = {
-        "deflate": lambda: bomb(zipfile.ZIP_DEFLATED),
-        "lzma that lies": lambda: bomb(zipfile.ZIP_LZMA, lie=200),
-        "a bare array of 2 PiB": npy(f"({2**48},)", bytes(48)),
-    }
-    return {name: _file("a.npz", content) for name, content in bodies.items()}
-
-
-def _configs():
-    bodies = {
-        "brackets": b"a = " + b"[" * 10**5,
-    }
-    return {name: _file("a.toml", content) for name, content in bodies.items()}
-
-
-JSON = {
-    "tables": b'{"a":' * 10**5,
-    "digits": b'{"version": ' + b"9" * 10**5 + b"}",
-    "a list": b"[1, 2]",
-    "not a text": bytes(range(256)),
-}
-
-
-def _decisions():
-    return {name: _file("a.json", content) for name, content in JSON.items()}
-
-
-def _manifests():
-    leave = b'{"version": 1, "files": {"../a": {"writer": "test", "digests": []}}, "pending": {}}'
-    return {name: _file("a.json", content) for name, content in (JSON | {"leave": leave}).items()}
 
 
 def _stores():

@@ -6,17 +6,13 @@ import re
 import tempfile
 from pathlib import Path
 
-import collalign
 from collalign.cli import main
-from collalign.cli.own_file import read_own
 from collalign.engine.records import decode, from_record
 from collalign.engine.store import Store
-from collalign.output.corrections import read_corrections
 from collalign.stages.match_pairs import PairPoses
 from data_tools.embedding.embedding import Samples, sample_shape
 from data_tools.errors import InputError
 from data_tools.io.listing import READERS
-from data_tools.io.output_folder import BOOKS, MANIFEST_FILE, OutputFolder
 from data_tools.io.shapes import read_shape
 from data_tools.landmark_tables import read_specimens
 from data_tools.options import SamplingOptions
@@ -64,35 +60,6 @@ def read_shape_file(payload):
     """Read a shape file; returns the number of vertices."""
     with _as_file(payload) as path:
         return len(read_shape(path).vertices)
-
-
-def read_own_file(payload):
-    """Read what the caller knows of the shapes a and b."""
-    with _as_file(payload) as path:
-        own, _ = read_own(path, ["a", "b"])
-        return len(own.kinds)
-
-
-def read_result(payload):
-    """Load the result of a folder that holds one file."""
-    with _as_file(payload) as path:
-        return len(collalign.load(path.parent))
-
-
-def read_decisions(payload):
-    """Read decisions that were made in the report; returns how many poses they set."""
-    with _as_file(payload) as path:
-        return len(read_corrections(path).decisions)
-
-
-def read_manifest(payload):
-    """Publish into a folder whose manifest is the file; returns how many outputs were written."""
-    with _as_file(payload) as path:
-        (path.parent / BOOKS).mkdir()
-        path.rename(path.parent / BOOKS / MANIFEST_FILE)
-        with OutputFolder.open(path.parent, writer="test") as output:
-            output.stage("a").write_text("a")
-            return len(output.publish(complete=True))
 
 
 def read_landmark_file(payload):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from collalign.analysis.procrustes import centroid_sizes
+from tests.commands import read_json
 from tests.optional import optional_program
 
 PACKAGE = Path(__file__).resolve().parents[2] / "integrations" / "r"
@@ -102,7 +103,7 @@ def test_points_that_incomplete_shapes_lack_are_missing(out):
         arrays = dict(archive)
     arrays["labels"][1, [0, 3]] = -1
     np.savez_compressed(out / "correspondences.npz", **arrays)
-    record = json.loads((out / "alignment.json").read_text("utf-8"))
+    record = read_json(out / "alignment.json")
     (out / "alignment.json").write_text(
         json.dumps(record | {"incomplete": [{"name": "zahn-ä"}]}), encoding="utf-8"
     )

@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.commands import read_json
+
 EXTENSION = Path(__file__).resolve().parents[2] / "integrations" / "slicer"
 MODULE = EXTENSION / "Collalign"
 
@@ -58,7 +60,7 @@ def test_transforms_act_in_ras_as_they_do_in_lps(out):
 
 def test_shapes_whose_files_declare_ras_are_in_the_scene_as_they_stand(out):
     before = results.read_results(out).shapes
-    record = json.loads((out / "alignment.json").read_text("utf-8"))
+    record = read_json(out / "alignment.json")
     record["shapes"][0]["coordinate_system"] = "RAS"
     (out / "alignment.json").write_text(json.dumps(record), encoding="utf-8")
     after = results.read_results(out).shapes

@@ -9,13 +9,13 @@ from pairwise.options import MatchOptions
 from pairwise.portfolio import rank_candidates, with_better
 from pairwise.problem import Problem
 from pairwise.results import Candidate
+from tests.data_tools.test_poses import about_z
 
 PROBLEM = Problem.from_user(np.eye(3), np.eye(3), group="O")
 
 
 def pose(angle_deg, energy, *, reflected=False):
-    cos, sin = np.cos(np.deg2rad(angle_deg)), np.sin(np.deg2rad(angle_deg))
-    rotation = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, -1.0 if reflected else 1.0]])
+    rotation = about_z(angle_deg) * [1.0, 1.0, -1.0 if reflected else 1.0]
     return Candidate(
         R_target_source=rotation,
         map_target_source=np.arange(3),

@@ -5,6 +5,7 @@ import pytest
 
 from collalign.analysis.procrustes import pose_changes
 from data_tools.rotations import random_rotation
+from tests.data_tools.test_poses import about_z
 
 NUM = 7
 ONE_GROUP = np.zeros(NUM, dtype=np.int64)
@@ -13,11 +14,6 @@ ONE_GROUP = np.zeros(NUM, dtype=np.int64)
 @pytest.fixture
 def poses(rng):
     return np.stack([random_rotation(rng) for _ in range(NUM)])
-
-
-def pose_angle_deg(angle):
-    c, s = np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 @pytest.mark.parametrize("mirror", [1.0, -1.0])
@@ -29,7 +25,7 @@ def test_another_frame_changes_nothing(poses, rng, mirror):
 
 def test_the_shapes_that_move_are_named_and_not_the_many_that_agree(poses, rng):
     again = poses.copy()
-    again[0], again[3] = pose_angle_deg(90) @ again[0], again[3] @ np.diag([1.0, 1.0, -1.0])
+    again[0], again[3] = about_z(90) @ again[0], again[3] @ np.diag([1.0, 1.0, -1.0])
     changes, same = pose_changes(poses, random_rotation(rng) @ again, ONE_GROUP)
     assert changes[0] == pytest.approx(90.0, abs=1e-4)
     assert np.isnan(changes[3])

@@ -56,6 +56,13 @@ def test_a_folder_is_not_searched(tmp_path, monkeypatch):
             read_own(own_file(tmp_path, invariants=place), ["a", "b"])
 
 
+@pytest.mark.parametrize("text", ["{", "[" * 100_000, "9" * 10_000, "[1]"])
+def test_what_is_no_json_of_knowledge_is_refused(tmp_path, text):
+    (tmp_path / "own.json").write_text(text)
+    with pytest.raises(InputError, match=r"own\.json: .*JSON"):
+        read_own(tmp_path / "own.json", ["a"])
+
+
 @pytest.mark.parametrize("place", [3, [], {"a": 1}, True, "a\0b"])
 def test_what_names_no_folder_is_refused(tmp_path, place):
     with pytest.raises(InputError, match=r"own\.json: "):

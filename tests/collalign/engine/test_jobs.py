@@ -74,7 +74,7 @@ def test_tasks_that_misbehave_cost_only_themselves(tmp_path):
     tasks = [(f"r{i}", ("return", i)) for i in range(40)]
     for place, action in ((3, "raise"), (15, "segfault"), (21, "hang"), (27, "fill")):
         tasks.insert(place, (action, (action, 7)))
-    tasks.insert(33, ("killed-once", ("killed-once", str(tmp_path / "killed"))))  # type: ignore[arg-type]
+    tasks.insert(33, ("killed-once", ("killed-once", str(tmp_path / "killed"))))
     results = collect(misbehave, tasks, num_jobs=2, time_limit_s=2.5, memory_limit_bytes=2**31)
     assert results.keys() == dict(tasks).keys()
     assert all(results[f"r{i}"].value == i for i in range(40))
@@ -97,7 +97,7 @@ def test_tasks_that_misbehave_cost_only_themselves(tmp_path):
 
 def test_a_worker_that_is_stopped_is_ended_and_its_task_runs_again(tmp_path):
     tasks = [(f"r{i}", ("return", i)) for i in range(20)]
-    tasks.insert(3, ("stopped", ("stopped-once", str(tmp_path / "stopped"))))  # type: ignore[arg-type]
+    tasks.insert(3, ("stopped", ("stopped-once", str(tmp_path / "stopped"))))
     results = collect(misbehave, tasks, num_jobs=2, time_limit_s=2.5)
     assert {result.failure for result in results.values()} == {None}
     assert results["stopped"].value == str(tmp_path / "stopped")

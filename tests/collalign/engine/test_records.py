@@ -66,7 +66,7 @@ def test_bytes_depend_neither_on_order_of_keys_nor_on_layout(rng):
 )
 def test_what_a_record_cannot_hold_is_refused(value):
     with pytest.raises(TypeError):
-        encode(value)  # type: ignore[arg-type]
+        encode(value)
 
 
 def test_deep_nesting_is_refused_both_ways():

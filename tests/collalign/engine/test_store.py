@@ -212,7 +212,7 @@ def test_a_refused_store_is_not_left_locked(path):
 def test_impossible_keys_and_kinds_are_refused(key):
     with Store.memory() as store:
         with pytest.raises(ValueError, match="key"):
-            store.put("pairs", key, RECORD)  # type: ignore[arg-type]
+            store.put("pairs", key, RECORD)
         with pytest.raises(ValueError, match="kind"):
             store.get("pairs; DROP TABLE pairs", "k")
 

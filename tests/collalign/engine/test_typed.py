@@ -10,34 +10,17 @@ from numpy.typing import NDArray
 from collalign.engine.records import decode, encode, fields_of, from_record, to_record
 from collalign.stages.match_pairs import PairPoses, match_pair
 from data_tools.arrays import Holds
-from data_tools.embedding.embedding import Samples
 from data_tools.errors import SolveFailed, StoreError
-from data_tools.notes import Note
 from pairwise import match
 from pairwise.options import MatchOptions
 from pairwise.results import Status
+from tests.products import samples_at
 
 
-def make_samples(rng, *, num=12, num_functions=0, num_invariants=2):
-    positions = rng.standard_normal((num, 3))
-    positions -= positions.mean(axis=0)
-    functions = rng.standard_normal((num, num_functions))
-    return Samples(
-        name="tooth",
-        vertex_indices=rng.permutation(500)[:num],
-        positions=positions,
-        coordinates=np.hstack([positions, functions]),
-        block_sizes=(3, num_functions) if num_functions else (3,),
-        invariants=rng.standard_normal((num, num_invariants)),
-        offset=rng.standard_normal(3),
-        scale=2.5,
-        dense_indices=np.arange(7),
-        dense_positions=rng.standard_normal((7, 3)),
-        dense_normals=rng.standard_normal((7, 3)),
-        signature=rng.standard_normal(18),
-        rim="open",
-        notes=(Note("decimated", values={"before": 9, "after": 5}),),
-    )
+def drawn(rng):
+    """Return samples at random."""
+    positions = rng.standard_normal((12, 3))
+    return samples_at(positions - positions.mean(axis=0), invariants=rng.standard_normal((12, 2)))
 
 
 def through_bytes(record):
@@ -46,7 +29,7 @@ def through_bytes(record):
 
 @pytest.fixture
 def poses(rng):
-    return match_pair(make_samples(rng), make_samples(rng), "SO", MatchOptions())
+    return match_pair(drawn(rng), drawn(rng), "SO", MatchOptions())
 
 
 def test_a_match_without_a_pose_is_a_failure_and_no_record(rng, monkeypatch):
@@ -57,7 +40,7 @@ def test_a_match_without_a_pose_is_a_failure_and_no_record(rng, monkeypatch):
         "collalign.whole_pairs.match_whole.match_problem", lambda problem, options: failed
     )
     with pytest.raises(SolveFailed, match="No usable answer"):
-        match_pair(make_samples(rng), make_samples(rng), "SO", MatchOptions())
+        match_pair(drawn(rng), drawn(rng), "SO", MatchOptions())
 
 
 @dataclass(frozen=True)

@@ -46,7 +46,7 @@ def torn(maps, rng):
     """Maps in which a tenth of the points go anywhere."""
     return tuple(
         np.where(rng.random(len(one)) < 0.1, rng.integers(0, 300, len(one)), one) for one in maps
-    )  # type: ignore[return-value]
+    )
 
 
 def off(bodies, forward):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.portfolio import (
@@ -33,9 +34,7 @@ def bent_pair():
 def test_a_rough_start_leads_to_the_pose_of_the_map(bent_pair):
     target, source, true = bent_pair
     mapper = PoseMapper(target, source)
-    tilt = np.array(
-        [[1.0, 0.0, 0.0], [0.0, np.cos(0.4), -np.sin(0.4)], [0.0, np.sin(0.4), np.cos(0.4)]]
-    )
+    tilt = Rotation.from_euler("x", 0.4).as_matrix()
     found = mapper.rotation_of(mapper.map_from(tilt @ true), chirality=1.0)
     assert rotation_angle_deg(found, true) < 12.0
 

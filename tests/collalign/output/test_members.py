@@ -7,9 +7,8 @@ import pytest
 
 from collalign.confidence.reliability_model import RIGHT, STEPS, expected_right
 from collalign.output.members import select_right, statistics_members
-from collalign.products.kinds import Kind
 from data_tools.errors import OptionsError
-from data_tools.options import CleaningOptions
+from tests.products import kind_of
 from tests.view_problems import view_of
 
 
@@ -53,19 +52,9 @@ def test_none_is_kept_where_none_is_sure():
 
 
 def test_the_only_shape_of_its_kind_is_left_out_and_not_in_doubt():
-    kinds = [
-        Kind(
-            called=called,
-            shapes=np.array(shapes),
-            confidence=0.9,
-            frame=1.0,
-            group="SO",
-            cleaning=CleaningOptions(),
-        )
-        for called, shapes in (("a", [0, 1, 2]), ("b", [3]))
-    ]
+    kinds = kind_of("a", [0, 1, 2]), kind_of("b", [3])
     collection = dataclasses.replace(
-        stated(0.99, 0.99, 0.5, np.nan), kinds=tuple(kinds), part_numbers=np.array([0, 0, 0, 1])
+        stated(0.99, 0.99, 0.5, np.nan), kinds=kinds, part_numbers=np.array([0, 0, 0, 1])
     )
     assert collection.is_doubtful.tolist() == [False, False, True, False]
     names = collection.names

@@ -9,11 +9,10 @@ from scipy.spatial.transform import Rotation
 from collalign.output.corrections import fixed_by, read_corrections
 from collalign.output.report.content import build_content
 from collalign.output.report.page import write_report
-from collalign.products.kinds import Kind
-from data_tools.options import CleaningOptions
 from tests.browser import Page, launched
 from tests.collalign.output.test_report_incomplete import broken_view
 from tests.collalign.output.test_report_places import mapped_view
+from tests.products import kind_of
 from tests.view_problems import view_of
 
 SILHOUETTE = """canvas => {
@@ -350,17 +349,7 @@ def test_a_shape_alone_of_its_kind_is_not_doubtful(browser, tmp_path):
     view, every = view_of(6), np.arange(6)
     confidence = view.confidence.copy()
     confidence[4] = 0.0
-    kinds = tuple(
-        Kind(
-            called=f"kind {number}",
-            shapes=shapes,
-            confidence=0.9,
-            frame=0.0,
-            group="SO",
-            cleaning=CleaningOptions(),
-        )
-        for number, shapes in enumerate((every[every != 4], every[4:5]))
-    )
+    kinds = kind_of("kind 0", every[every != 4]), kind_of("kind 1", every[4:5])
     view = dataclasses.replace(
         view, confidence=confidence, kinds=kinds, part_numbers=1 * (every == 4)
     )

@@ -9,10 +9,10 @@ from PIL import Image
 from collalign.output import write
 from collalign.output.vertex_maps import PlaceColours
 from collalign.output.views import contact_sheet, draw_panels, painted
-from collalign.products.consistent_maps import VertexMaps
 from data_tools.html_pages import new_figure
 from data_tools.io.output_folder import OutputFolder
 from data_tools.surface.shape import Shape
+from tests.products import vertex_maps_of
 from tests.view_problems import bumpy_shapes, view_of
 
 
@@ -33,13 +33,8 @@ def test_colours_are_the_places_along_the_axes_of_the_reference():
         np.meshgrid([0.0, 1.0], [5.0, 7.0], [-2.0, 3.0], indexing="ij"), axis=-1
     ).reshape(-1, 3)
     other = np.array([[0.5, 6.0, 0.5], [np.nan] * 3, [9.0, 9.0, 9.0]])
-    maps = VertexMaps(
-        names=("a", "b"),
-        reference="a",
-        places=(corners, other),
-        confidence=np.ones(2),
-        vertex_confidence=(np.linspace(0.0, 1.0, 8), np.array([0.9, np.nan, 0.2])),
-    )
+    sure = np.linspace(0.0, 1.0, 8), np.array([0.9, np.nan, 0.2])
+    maps = vertex_maps_of("ab", (corners, other), vertex_confidence=sure)
     colours = PlaceColours(maps)
     of_corners = colours.of_file("a")
     np.testing.assert_allclose(np.unique(of_corners[:-1, :3].round(9)), [0.08, 0.92])

@@ -95,7 +95,7 @@ def folder(certified, tmp_path):
 
 def write_folder(certified, folder):
     with OutputFolder.open(folder, writer="align") as output:
-        write_certificates(certified.pairs, certified, output)  # type: ignore[arg-type]
+        write_certificates(certified.pairs, certified, output)
         record, positions = summary(certified, "centroid")
         np.savez(output.stage("correspondences.npz"), positions=positions)
         output.stage("alignment.json").write_text(json.dumps(record))

@@ -10,13 +10,10 @@ from data_tools.datasets.synthetic import bent
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import Shape
+from tests.finished_runs import radius
 
 FIGURE = figure(resolution=2)
 BENT = bent(FIGURE, np.random.default_rng(1), angle=1.0).vertices
-
-
-def radius(points):
-    return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
 def errors(found, truth):

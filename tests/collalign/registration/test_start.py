@@ -8,7 +8,8 @@ from data_tools.datasets.synthetic import bent
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.poses import fitting_similarity, moved_by
 from data_tools.surface.shape import Shape
-from tests.collalign.registration.test_fit import errors, every, radius
+from tests.collalign.registration.test_fit import errors, every
+from tests.finished_runs import radius
 
 FIGURE = figure(resolution=2)
 

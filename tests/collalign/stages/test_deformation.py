@@ -11,7 +11,6 @@ from collalign.nonrigid.common_bases import choose_maps, common_bases, map_resid
 from collalign.nonrigid.map_options import SurfaceOptions
 from collalign.nonrigid.spectral_shape import prepare_surface
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, load_vertex_maps
-from collalign.products.consistent_maps import VertexMaps
 from collalign.stages.deformation import vertex_notes
 from collalign.stages.deformation_jobs import trust_of_places
 from data_tools.datasets.synthetic import bent, mirrored
@@ -23,6 +22,7 @@ from data_tools.rotations import random_rotation
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import Shape
 from tests.notes import codes
+from tests.products import vertex_maps_of
 
 pytestmark = pytest.mark.usefixtures("quick_search")
 NUM, SIZE = 6, 12
@@ -154,13 +154,7 @@ def test_vertices_without_a_place_have_no_map_and_get_none_to_them():
     first, nowhere = rng.random((5, 3)), np.full((1, 3), np.nan)
     second = np.vstack([nowhere, first[::-1] + 1e-3])
     places = (first, second, np.tile(nowhere, (2, 1)))
-    maps = VertexMaps(
-        names=("a", "b", "c"),
-        reference="a",
-        places=places,
-        confidence=np.ones(3),
-        vertex_confidence=tuple(np.ones(len(own)) for own in places),
-    )
+    maps = vertex_maps_of("abc", places)
     np.testing.assert_array_equal(maps["a", "b"], [-1, 4, 3, 2, 1, 0])
     np.testing.assert_array_equal(maps["b", "a"], [5, 4, 3, 2, 1])
     assert (maps["c", "a"] == -1).all()
@@ -196,14 +190,9 @@ def test_point_clouds_have_no_maps_of_vertices():
 
 
 def test_shapes_whose_maps_are_in_doubt_are_named():
-    none = (np.zeros((1, 3)),) * 3
-    maps = VertexMaps(
-        names=("a", "b", "c"),
-        reference="a",
-        places=none,
-        confidence=np.array([1.0, 0.7, 0.31]),
-        vertex_confidence=(np.ones(1),) * 3,
-        left_out=(("d", "too small"),),
+    confidence = np.array([1.0, 0.7, 0.31])
+    maps = vertex_maps_of(
+        "abc", [np.zeros((1, 3))] * 3, confidence=confidence, left_out=(("d", "too small"),)
     )
     notes = vertex_notes(maps)
     assert notes == (

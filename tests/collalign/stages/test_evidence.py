@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from collalign.align import align_collection
 from collalign.confidence.candidate_model import (
@@ -17,7 +18,6 @@ from collalign.engine.records import from_record
 from collalign.engine.run_options import RunOptions
 from collalign.nonrigid.pose_maps import PoseMapper, prepare_posed
 from collalign.options import AlignOptions
-from collalign.products.shapes import Shapes
 from collalign.stages.evidence.candidates import (
     MAX_CANDIDATES,
     PoseWeigher,
@@ -43,27 +43,13 @@ from data_tools.datasets.synthetic_shapes import figure
 from data_tools.embedding.embedding import sample_shape
 from data_tools.errors import OptionsError
 from data_tools.io.shapes import write_mesh
-from data_tools.options import AS_STORED, CleaningOptions, EmbeddingOptions, SamplingOptions
+from data_tools.options import AS_STORED, EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
-from tests.products import pair_of, samples_at
+from tests.products import pair_of, samples_at, shapes_of
 
 #: Samples of shapes whose neighbourhoods are not described.
 BARE = [samples_at(np.eye(3))] * 6
-
-
-def shapes_of(samples, components="largest"):
-    """Return shapes of samples, all read by the same components."""
-    return Shapes(
-        names=tuple("abcdef"[: len(samples)]),
-        files=(),
-        digests=(),
-        keys=(),
-        samples=tuple(samples),
-        cleaning=(CleaningOptions(components=components),) * len(samples),
-        chirality=(),
-        excluded=(),
-    )
 
 
 def a_pair(energies):
@@ -109,7 +95,7 @@ def test_unknown_evidence_says_nothing():
 def test_near_rotations_are_one_candidate_the_better_one():
     rng = np.random.default_rng(2)
     first = random_rotation(rng)
-    nudge = np.array([[np.cos(0.1), -np.sin(0.1), 0], [np.sin(0.1), np.cos(0.1), 0], [0, 0, 1.0]])
+    nudge = Rotation.from_euler("z", 0.1).as_matrix()
     far = np.diag([-1.0, -1.0, 1.0])
     poses = [
         (r, np.arange(3), np.full(len(EVIDENCE), value))

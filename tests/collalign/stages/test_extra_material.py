@@ -1,6 +1,5 @@
 """Extra material, such as a stand: found, named, ignored by poses, and left out of correspondences on request."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +15,7 @@ from data_tools.io.shapes import write_mesh
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
+from tests.commands import read_json
 from tests.notes import only
 from tests.pairwise.test_partial_match import moved
 
@@ -110,7 +110,7 @@ def test_correspondences_hold_whole_surfaces_unless_extra_is_ignored(aligned, st
 def test_files_and_page_say_where_extra_material_is(aligned, tmp_path):
     saved = tmp_path / "saved"
     aligned.save(saved)
-    entries = json.loads((saved / "alignment.json").read_text())["extra"]
+    entries = read_json(saved / "alignment.json")["extra"]
     assert [one["name"] for one in entries] == list(STANDING)
     loaded = load(saved)
     assert [one.share for one in loaded.extra] == [one["share"] for one in entries]

@@ -1,6 +1,5 @@
 """Incomplete shapes of a collection: told or found, posed on the complete ones, which stay as without them."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,7 +15,7 @@ from collalign.confidence.incomplete_model import (
     share_of_best,
 )
 from collalign.engine.session import Session
-from collalign.products.shapes import Constraints, Shapes
+from collalign.products.shapes import Constraints
 from collalign.products.trust import DOUBT
 from collalign.stages import steps
 from collalign.stages.evidence.weigh import by_energy
@@ -45,17 +44,18 @@ from data_tools.errors import InputError, OptionsError
 from data_tools.io.objects import list_shapes
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.notes import Note
-from data_tools.options import CleaningOptions, SamplingOptions
+from data_tools.options import SamplingOptions
 from data_tools.partial_surface import PartialSurface
 from data_tools.poses import Similarity
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.cleaning import COMPONENTS_KEPT
 from experiments.calibration.fragments import closed
 from pairwise.partial_counterparts import counterparts
+from tests.commands import read_json
 from tests.finished_runs import angles_deg
 from tests.notes import only
 from tests.pairwise.test_partial_match import cut, moved, surface
-from tests.products import settled_pair_of
+from tests.products import settled_pair_of, shapes_of
 
 pytestmark = pytest.mark.usefixtures("quick_search")
 OPTIONS = AlignOptions(group="SO", sampling=SamplingOptions(num_points=24, num_dense_points=200))
@@ -191,7 +191,7 @@ def test_the_complete_shapes_stay_as_they_are_without_the_broken_ones(aligned, w
 
 def test_the_result_says_what_is_missing_and_takes_more(aligned, planted, tmp_path):
     aligned.save(tmp_path / "out")
-    record = json.loads((tmp_path / "out" / "alignment.json").read_text())
+    record = read_json(tmp_path / "out" / "alignment.json")
     assert [one["name"] for one in record["incomplete"]] == list(BROKEN)
     assert set(record["incomplete"][0]["overlaps"]) <= {"tooth0", "tooth1", "tooth3", "tooth4"}
     view = load(tmp_path / "out")
@@ -237,7 +237,7 @@ def test_names_are_checked(planted):
     assert named_incomplete(replace(OPTIONS, incomplete="never"), ["tooth1"]) == {}
     assert named_incomplete(OPTIONS, ["tooth0", "tooth1"], ["tooth1"]).keys() == {1}
     with pytest.raises(OptionsError, match="incomplete"):
-        AlignOptions(incomplete=3)  # type: ignore[arg-type]
+        AlignOptions(incomplete=3)
     with pytest.raises(InputError, match="reference"):
         align(planted[0], incomplete="tooth2", reference="tooth2")
 
@@ -392,7 +392,7 @@ def test_closed_surfaces_and_shapes_that_bend_lack_nothing(tmp_path, monkeypatch
         every[0] = 4
         run = run_of(session, shapes)
         bent = Matched(group="SO", pairs=[by_energy(pairs[0])], failed=[], solution=None, notes=())
-        assert _found_incomplete(run, {}, (run, bent, None)) == ({}, {})  # type: ignore[arg-type]
+        assert _found_incomplete(run, {}, (run, bent, None)) == ({}, {})
 
 
 def test_an_open_shape_in_doubt_is_read_as_a_part_where_that_is_surer(planted):
@@ -488,19 +488,10 @@ def test_points_that_stand_for_all_samples_lie_apart():
 @pytest.mark.parametrize("joined", [False, True])
 def test_borders_of_assembled_objects_are_no_breaks(joined):
     """Neither where all components are matched, nor where most of the surface is left out."""
-    how = CleaningOptions(components="all" if joined else "largest")
     lost = () if joined else (Note(COMPONENTS_KEPT, values={"share": 60}),)
-    shapes = Shapes(
-        names=tuple("abcdefg"),
-        files=(),
-        digests=(),
-        keys=(),
-        samples=tuple(SimpleNamespace(rim="open", notes=lost) for _ in range(7)),  # type: ignore[arg-type]
-        cleaning=(how,) * 7,
-        chirality=(),
-        excluded=(),
-    )
-    assert find_incomplete(None, shapes, (), np.eye(4)[None]) == {}  # type: ignore[arg-type]
+    samples = [SimpleNamespace(rim="open", notes=lost)] * 7
+    shapes = shapes_of(samples, "all" if joined else "largest")
+    assert find_incomplete(None, shapes, (), np.eye(4)[None]) == {}
 
 
 def test_parts_of_which_none_is_whole_are_put_together(tmp_path):

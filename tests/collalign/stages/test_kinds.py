@@ -8,7 +8,6 @@ import pytest
 from collalign import AlignOptions, RunOptions
 from collalign.confidence.kind_model import MOST_KIN, kin_log_odds, part_log_odds, split_log_odds
 from collalign.engine.session import Session
-from collalign.products.kinds import Kind
 from collalign.products.pair import FormerPairs
 from collalign.stages.kinds.find import find_kinds, likely_kin
 from collalign.stages.kinds.grouping import group_into, group_shapes
@@ -24,12 +23,13 @@ from collalign.stages.kinds.pose_free import NUM_SHELLS, kind_descriptors, shell
 from collalign.stages.shape_stage import prepare_shapes
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.objects import list_shapes
-from data_tools.options import CleaningOptions, SamplingOptions
+from data_tools.options import SamplingOptions
 from data_tools.poses import APART_DEG
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
 from experiments.pairs.incomplete import without_share
 from tests.goldens.inputs import two_kinds
+from tests.products import kind_of
 from tests.synchronization_problems import small_rotations
 
 OPTIONS = AlignOptions(
@@ -299,7 +299,6 @@ def test_kinds_are_looked_for_where_nothing_forbids_it(options, num, expected):
 
 def test_given_and_former_kinds_are_taken_as_they_are(mixed):
     planted, kinds = mixed
-    cleaning = CleaningOptions()
     with Session.open(OPTIONS, RunOptions(jobs=1)) as session:
         shapes = prepared(session, planted.shapes)
         given = {name: "even" if i % 2 else "odd" for i, name in enumerate(shapes.names)}
@@ -315,19 +314,14 @@ def test_given_and_former_kinds_are_taken_as_they_are(mixed):
             num_shapes=len(truth) - 1,
             edges=np.empty((0, 2), dtype=np.int64),
             group="SO",
-            kinds=tuple(
-                Kind(
-                    called=called,
-                    shapes=shapes_of,
-                    confidence=0.9,
-                    frame=frame,
-                    group=group,
-                    cleaning=cleaning,
-                )
-                for called, shapes_of, frame, group in (
-                    ("blobs", first, 1.0, "SO"),
-                    ("figures", np.setdiff1d(np.arange(len(truth) - 1), first), 0.0, "O"),
-                )
+            kinds=(
+                kind_of("blobs", first),
+                kind_of(
+                    "figures",
+                    np.setdiff1d(np.arange(len(truth) - 1), first),
+                    frame=0.0,
+                    group="O",
+                ),
             ),
         )
         plan = plan_kinds(session, shapes, former, {})

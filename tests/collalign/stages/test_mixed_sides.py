@@ -1,6 +1,5 @@
 """Whole runs that decide by themselves whether shapes are mirrored."""
 
-import json
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -30,7 +29,7 @@ from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.notes import Note
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.surface.shape import Shape
-from tests.commands import run_command
+from tests.commands import read_json, run_command
 from tests.notes import codes, only
 from tests.products import pair_of
 
@@ -331,7 +330,7 @@ def test_added_shapes_do_not_hide_what_was_left_out(one_sided, tmp_path):
     run_command("align", folder, "--out", out, *flags, ends=3)
     write_copy(read_folder(one_sided).files[5], tmp_path / "new" / "mended.ply")
     run_command("add", out, tmp_path / "new", "--jobs", "1", "--no-report", ends=3)
-    record = json.loads((out / "alignment.json").read_text())
+    record = read_json(out / "alignment.json")
     assert [item["file"] for item in record["excluded"]] == ["broken.ply"]
 
 

@@ -12,7 +12,6 @@ from collalign.stages.incomplete.parts import PartPoses, _first_transforms
 from collalign.stages.posing import CONTRADICTED, OTHER_READING, _surer
 from collalign.stages.steps import Posed
 from collalign.synchronization import SynchronizationResult
-from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import bumped
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.io.shapes import Shape, write_mesh
@@ -25,7 +24,7 @@ HALF_TURN = np.diag([1.0, -1.0, -1.0])
 
 
 @pytest.fixture(scope="module")
-def cut_blobs() -> tuple[dict[str, Shape], FloatArray]:
+def cut_blobs():
     """Five blobs that differ a little, another quarter of each cut off, posed and scaled; and their rotations."""
     rng = np.random.default_rng(3)
     base = blob(rng, num_vertices=1000)
@@ -38,7 +37,7 @@ def cut_blobs() -> tuple[dict[str, Shape], FloatArray]:
     return given, np.array(rotations)
 
 
-def worst_deg(found: FloatArray, rotations: FloatArray) -> float:
+def worst_deg(found, rotations):
     """Return the largest angle of poses (N, 3, 3) from those of most, where the shapes were rotated so."""
     turns = found @ rotations
     angles = pose_angle_deg(turns[:, None], turns)
@@ -85,7 +84,7 @@ def test_first_transforms_agree_with_exact_pairs():
         edge_choice=np.zeros(4, dtype=int),
         edge_inlier=np.ones(4, dtype=bool),
     )
-    found = _first_transforms(pairs, solution)  # type: ignore[arg-type]
+    found = _first_transforms(pairs, solution)
     moved = np.linalg.inv(found[0]) @ found
     assert np.allclose(moved, np.linalg.inv(true[0]) @ true)
 
@@ -95,7 +94,7 @@ def test_two_answers_that_contradict_each_other_are_less_sure():
     other = rotations.copy()
     other[3] = HALF_TURN
 
-    def posed(poses: FloatArray, confidence: float) -> Posed:
+    def posed(poses, confidence):
         solution = SynchronizationResult(
             rotations=poses,
             confidence=np.full(4, confidence),

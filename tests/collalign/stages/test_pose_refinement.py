@@ -20,9 +20,10 @@ from collalign.whole_pairs.problem import dense_points
 from data_tools.datasets.synthetic_shapes import crown, figure
 from data_tools.embedding.embedding import sample_shape
 from data_tools.options import EmbeddingOptions, SamplingOptions
-from data_tools.rotations import random_rotation, rotation_angle_deg
+from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
 from pairwise.dense import DensePoints
+from tests.finished_runs import angles_deg
 
 
 def all_edges(num):
@@ -62,10 +63,7 @@ def posed_crowns(rng, num, *, num_points=16, num_dense=200):
 
 
 def errors_deg(rotations, truth):
-    pairs = all_edges(len(truth))
-    return np.array(
-        [rotation_angle_deg(rotations[i].T @ rotations[j], truth[i].T @ truth[j]) for i, j in pairs]
-    )
+    return angles_deg(rotations @ np.swapaxes(truth, 1, 2))
 
 
 @pytest.fixture

@@ -45,10 +45,7 @@ def test_rejected_pairs_come_first_then_close_rivals():
 
 def proof(energy, *listed, within=1.2):
     """A proof whose pose is a half turn; further listed poses are turned by tenths of a turn."""
-    turns = [0.2 * np.pi * (number + 1) for number in range(len(listed))]
-    rotations = [
-        [[np.cos(a), -np.sin(a), 0.0], [np.sin(a), np.cos(a), 0.0], [0.0, 0.0, 1.0]] for a in turns
-    ]
+    rotations = [turn(36.0 * (number + 1)) for number in range(len(listed))]
     return PairProof(
         listed_rotations=np.array(rotations).reshape(-1, 3, 3),
         listed_maps=np.tile([3, 2, 1, 0], (len(listed), 1)),

@@ -51,7 +51,7 @@ def folder(tmp_path):
 
 
 def prepare(folder, store=None, aligning=OPTIONS, **run):
-    options = RunOptions(**{"jobs": 1, "store": store or folder.parent / "store"} | run)  # type: ignore[arg-type]
+    options = RunOptions(**{"jobs": 1, "store": store or folder.parent / "store"} | run)
     with Session.open(aligning, options) as session:
         return prepare_shapes(session, read_folder(folder))
 

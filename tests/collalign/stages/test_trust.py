@@ -144,18 +144,20 @@ def test_rivals_are_apart_from_the_pose_and_from_each_other(crowns):
     assert rival_poses(truth[0], [], NO_TURNS).shape == (0, 3, 3)
 
 
+def partner_of(poses, excess, log_odds=None):
+    """Return a partner that asks for these poses, by default all as likely."""
+    odds = np.zeros(len(excess)) if log_odds is None else np.array(log_odds)
+    return Partner(
+        shape=1, poses=np.stack(poses), excess=np.array(excess), log_odds=odds, energy=0.1
+    )
+
+
 @pytest.mark.parametrize("first", range(3))
 def test_of_rivals_with_the_same_support_around_them_the_best_supported_is_tried(first):
     turned = [Rotation.from_euler("z", a, degrees=True).as_matrix() for a in (100, 104, 108)]
     excess = np.array([0.4, 0.1, 0.2])
     order = np.roll(np.arange(3), first)
-    partner = Partner(
-        shape=1,
-        poses=np.stack([np.eye(3), *np.array(turned)[order]]),
-        excess=np.array([0.0, *excess[order]]),
-        log_odds=np.zeros(4),
-        energy=0.1,
-    )
+    partner = partner_of([np.eye(3), *np.array(turned)[order]], [0.0, *excess[order]])
     (rival,) = rival_poses(np.eye(3), [partner], NO_TURNS)
     np.testing.assert_array_equal(rival, turned[1])
 
@@ -285,13 +287,7 @@ def test_the_lead_is_the_mean_over_pairs_and_counts_poses_that_a_pair_did_not_fi
     def turn(angle):
         return Rotation.from_euler("z", angle, degrees=True).as_matrix()
 
-    first = Partner(
-        shape=1,
-        poses=np.stack([turn(5.0), turn(90.0)]),
-        excess=np.array([0.0, 3.0]),
-        log_odds=np.array([0.0, -3.0]),
-        energy=1.0,
-    )
+    first = partner_of([turn(5.0), turn(90.0)], [0.0, 3.0], [0.0, -3.0])
     second = replace(
         first, shape=2, poses=np.stack([turn(180.0), turn(0.0)]), log_odds=np.array([0.0, -99.0])
     )
@@ -302,17 +298,13 @@ def test_the_lead_is_the_mean_over_pairs_and_counts_poses_that_a_pair_did_not_fi
 
 def test_poses_at_which_copies_do_not_fit_are_as_implausible_as_any_unless_copies_are_few():
     turned = Rotation.from_euler("z", 90.0, degrees=True).as_matrix()
-    copy = Partner(
-        shape=1, poses=np.eye(3)[None], excess=np.zeros(1), log_odds=np.zeros(1), energy=0.0
-    )
-    other = replace(copy, shape=2, energy=0.1)
+    other = partner_of([np.eye(3)], [0.0])
+    copy = replace(other, energy=0.0)
     assert leads_over(np.eye(3), turned[None], [copy, copy, other]).tolist() == [16.0 / 3.0]
     assert leads_over(np.eye(3), turned[None], [copy, other]).tolist() == [
         0.0
     ]  # a twin knows of itself alone
-    both = replace(
-        copy, poses=np.stack([np.eye(3), turned]), excess=np.zeros(2), log_odds=np.zeros(2)
-    )
+    both = replace(partner_of([np.eye(3), turned], [0.0, 0.0]), energy=0.0)
     assert leads_over(np.eye(3), turned[None], [both, both]).tolist() == [0.0]  # a box
 
 

@@ -53,7 +53,7 @@ def test_large_laplacians_are_solved(kind, spread):
 
 @pytest.mark.parametrize("spread", [0.0, 3.0, 9.0])
 def test_graphs_with_random_pairs_are_never_factored(spread, monkeypatch):
-    sizes = list[int]()
+    sizes = []
 
     def counted(matrix):
         factor = factor_symmetric(matrix)

@@ -44,10 +44,7 @@ def test_a_fit_leaves_a_map_that_slid_and_goes_back_to_the_feature(rng):
     top = np.array([0.0, 0.0, 1.0])
     bump = 0.4 * np.exp(-((directions - top) ** 2).sum(axis=1) / 0.03)
     shape = Shape.from_arrays(directions * (1 + bump)[:, None], faces, name="bump")
-    angle = 0.1
-    slid = np.array(
-        [[1, 0, 0], [0, np.cos(angle), -np.sin(angle)], [0, np.sin(angle), np.cos(angle)]]
-    )
+    slid = Rotation.from_euler("x", 0.1).as_matrix()
     rows = [int(np.argmax(directions @ top))]
     locator = SurfaceLocator(shape.vertices, faces)
     copy = locator.closest(shape.vertices @ slid.T).on(shape.vertices)

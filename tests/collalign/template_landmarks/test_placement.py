@@ -15,6 +15,7 @@ from data_tools.notes import Note
 from data_tools.poses import moved_by
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
+from tests.finished_runs import radius
 from tests.notes import codes, only
 
 SEAT = chair(np.random.default_rng(1), resolution=1)
@@ -23,7 +24,7 @@ SHAPE = Shape.from_arrays(SEAT.vertices + np.array([0.4, 0.3, 0.2]), SEAT.faces,
 OTHER = Shape.from_arrays(SHAPE.vertices * [1.0, 1.3, 0.7] + 3.0, SHAPE.faces, name="b")
 ROWS = farthest_points(SHAPE, 8, metric="euclidean")
 POINTS = SHAPE.vertices[ROWS]
-RADIUS = float(np.sqrt(((SHAPE.vertices - SHAPE.vertices.mean(axis=0)) ** 2).sum(axis=1).mean()))
+RADIUS = radius(SHAPE.vertices)
 
 
 def marks(points, system=None):

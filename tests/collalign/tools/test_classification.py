@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from collalign.analysis.label_table import read_labels
 from collalign.analysis.procrustes import procrustes_distances, unit_size
@@ -86,10 +87,7 @@ def clouds():
 
 
 def test_refining_takes_back_a_turn_that_the_poses_left(clouds):
-    angle = 0.1
-    turn = np.array(
-        [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
-    )
+    turn = Rotation.from_euler("z", 0.1).as_matrix()
     turned = [clouds[0], 1.7 * clouds[0] @ turn.T]
     groups = np.zeros(2, dtype=np.int64)
     assert distances_at_poses(turned)[0, 1] > 0.01

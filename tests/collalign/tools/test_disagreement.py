@@ -10,9 +10,8 @@ from collalign.tools.transfer.disagreement import (
     agreement_text,
     findings,
 )
-from collalign.tools.transfer.result import PLACED, TransferredLandmarks
 from data_tools.notes import Note
-from tests.view_problems import view_of
+from tests.view_problems import transferred_of, view_of
 
 LABELS = ("LM1", "LM2", "$LM3", "surface-1")
 SWAPPED = Note(
@@ -29,23 +28,11 @@ def view():
 
 
 def transferred(view, *notes):
-    points = np.stack([vertices[[5, 40, 80, 90]] for vertices in view.vertices])
-    shape = points.shape[:2]
-    errors = np.array([[0.1, 0.1, np.nan, np.nan]] * 3)
     trust = np.array([[1.0, 1.0, 1.0, 0.0]] * 3)
-    return TransferredLandmarks(
-        names=view.names,
-        labels=LABELS,
-        points=points,
-        radii=np.zeros(shape),
-        ellipsoids=np.zeros((*shape, 3, 3)),
-        status=((PLACED,) * 4,) * 3,
-        templates=view.names,
-        template_trust=trust,
-        left_out_points=points + 0.1,
-        left_out_errors=errors,
-        left_out_radii=errors,
-        notes=(Note("landmark-codes", ("s0",), {"labels": ("LM1",)}), *notes),
+    errors = np.array([[0.1, 0.1, np.nan, np.nan]] * 3)
+    codes = Note("landmark-codes", ("s0",), {"labels": ("LM1",)})
+    return transferred_of(
+        view, LABELS, template_trust=trust, left_out_errors=errors, notes=(codes, *notes)
     )
 
 

@@ -1,8 +1,6 @@
 """Every format is read back by an independent reader; where none can be installed, by the rules of the main one."""
 
-import csv
 import dataclasses
-import io
 import sys
 from pathlib import Path
 
@@ -18,7 +16,7 @@ from data_tools.errors import InputError, OptionsError
 from data_tools.landmark_files import read_landmarks
 from data_tools.landmark_tables import read_specimens
 from data_tools.notes import Note
-from tests.commands import read_json
+from tests.commands import read_json, read_rows
 from tests.optional import optional_module
 from tests.view_problems import NUM_SAMPLES, view_of
 
@@ -34,10 +32,6 @@ def view(tmp_path_factory):
         trimesh.Trimesh(vertices, faces, process=False).export(file)
         files.append(str(file))
     return dataclasses.replace(plain, files=tuple(files))
-
-
-def rows(path):
-    return list(csv.DictReader(io.StringIO(path.read_text(encoding="utf-8"))))
 
 
 @pytest.mark.parametrize("format", FORMATS)
@@ -74,7 +68,7 @@ def test_formats_for_statistics_are_reflected_keep_size_and_say_so(view, tmp_pat
         if "COMMENT" in line
     ]
     assert ["not" not in line for line in comments] == view.reflected.tolist()
-    table = rows(tmp_path / "tps" / "specimens.csv")
+    table = read_rows(tmp_path / "tps" / "specimens.csv")
     assert [row["coordinates"] for row in table] == [
         line.removeprefix("COMMENT=") for line in comments
     ]
@@ -214,7 +208,7 @@ def test_poses_for_open3d_are_those_of_the_result(view, tmp_path, space):
     nodes = read_json(graph)["nodes"]
     poses = [np.array(node["pose"]).reshape(4, 4, order="F") for node in nodes]
     np.testing.assert_allclose(poses, expected, rtol=1e-12)
-    assert [row["name"] for row in rows(table)] == list(view.names)
+    assert [row["name"] for row in read_rows(table)] == list(view.names)
 
 
 def test_a_meshlab_project_names_meshes_that_its_poses_place(view, tmp_path):
@@ -237,22 +231,13 @@ def test_one_cloud_has_a_label_of_each_point(view, tmp_path):
     points = np.frombuffer(body, dtype="<f8,<f8,<f8,<i4")
     labels = points["f3"]
     assert np.bincount(labels).tolist() == [len(vertices) for vertices in view.vertices]
-    for at, row in enumerate(rows(table)):
+    for at, row in enumerate(read_rows(table)):
         assert row["name"] == view.names[at]
         there = np.stack([points[f"f{axis}"][labels == int(row["label"])] for axis in range(3)], 1)
         expected = placed(view.transforms[at], view.vertices[at])
         np.testing.assert_allclose(there, expected, rtol=1e-5, atol=1e-6)
     cloud = trimesh.load(merged)
     assert len(cloud.vertices) == len(points)
-
-
-def test_moved_files_are_found_in_the_folder_named(view, tmp_path):
-    moved = dataclasses.replace(
-        view, files=tuple(f"elsewhere/{Path(file).name}" for file in view.files)
-    )
-    with pytest.raises(InputError, match=r"elsewhere.*not there any more.*--sources"):
-        export(moved, "ply", tmp_path / "out")
-    assert len(export(moved, "ply", tmp_path / "out", sources=Path(view.files[0]).parent)) == 6
 
 
 def test_parquet_tables_are_read_by_column_and_say_what_csv_says(view, tmp_path):
@@ -263,7 +248,7 @@ def test_parquet_tables_are_read_by_column_and_say_what_csv_says(view, tmp_path)
     names = parquet.read_table(files["shapes"], columns=["name", "T11"]).to_pydict()
     assert names == {"name": list(view.names), "T11": view.transforms[:, 0, 0].tolist()}
     landmarks = parquet.read_table(files["landmarks"]).to_pylist()
-    written = rows(tmp_path / "landmarks.csv")
+    written = read_rows(tmp_path / "landmarks.csv")
     assert [row["landmark"] for row in landmarks] == [row["landmark"] for row in written]
     np.testing.assert_array_equal(
         [row["x"] for row in landmarks], [float(row["x"] or "nan") for row in written]
@@ -282,10 +267,10 @@ def test_without_pyarrow_parquet_says_what_to_install(view, tmp_path, monkeypatc
 def test_csv_tables(view, tmp_path):
     files = {path.name: path for path in export(view, "csv", tmp_path)}
     assert set(files) == {"shapes.csv", "landmarks.csv"}
-    shapes = rows(files["shapes.csv"])
+    shapes = read_rows(files["shapes.csv"])
     T = [[float(row[f"T{a}{b}"]) for a in (1, 2, 3) for b in (1, 2, 3, 4)] for row in shapes]
     np.testing.assert_array_equal(np.array(T).reshape(-1, 3, 4), view.transforms[:, :3])
-    landmarks = rows(files["landmarks.csv"])
+    landmarks = read_rows(files["landmarks.csv"])
     assert len(landmarks) == 6 * NUM_SAMPLES
     assert sum(row["x"] == "" for row in landmarks) == 4
 
@@ -319,12 +304,14 @@ def test_doubtful_and_incomplete_shapes_have_rows_but_move_nothing_that_is_compu
         view.names[at] for at in out
     ]
     assert tables["a"]["left_out.csv"].splitlines()[1] == "shape_001,in doubt"
-    marked = [row["left_out"] for row in rows(tmp_path / "a" / "shapes.csv")]
+    marked = [row["left_out"] for row in read_rows(tmp_path / "a" / "shapes.csv")]
     assert [at for at, reason in enumerate(marked) if reason] == out
     everybody = export(view, "tps", tmp_path / "all", space="procrustes", include_doubtful=True)
     assert everybody[0].read_text().count("LM3=") == 6
     for table in (tmp_path / "a" / "shapes.csv", tmp_path / "all" / "specimens.csv"):
-        told = [(row["incomplete"], row["coverage"]) for row in rows(table)] if incomplete else []
+        told = (
+            [(row["incomplete"], row["coverage"]) for row in read_rows(table)] if incomplete else []
+        )
         assert told == [
             ("1", "0.5") if at in incomplete else ("0", "") for at in range(6 if incomplete else 0)
         ]
@@ -344,7 +331,7 @@ def test_who_is_excluded_is_written_nowhere_and_listed(view, tmp_path):
     out, *others = view.names
     for format, table in (("tps", "specimens.csv"), ("csv", "shapes.csv")):
         export(view, format, tmp_path / format, exclude=[out])
-        assert [row["name"] for row in csv.DictReader((tmp_path / format / table).open())] == others
+        assert [row["name"] for row in read_rows(tmp_path / format / table)] == others
         assert (
             f"{out},excluded by name"
             in (tmp_path / format / "left_out.csv").read_text().splitlines()
@@ -361,8 +348,10 @@ def test_only_the_surest_shapes_are_written_and_the_others_are_listed(view, tmp_
     kept = [view.names[at] for at in (0, 2, 5)]
     for format, table in (("tps", "specimens.csv"), ("csv", "shapes.csv")):
         export(view, format, tmp_path / format, right=0.996)
-        assert [row["name"] for row in rows(tmp_path / format / table)] == kept
-        left_out = {row["name"]: row["reason"] for row in rows(tmp_path / format / "left_out.csv")}
+        assert [row["name"] for row in read_rows(tmp_path / format / table)] == kept
+        left_out = {
+            row["name"]: row["reason"] for row in read_rows(tmp_path / format / "left_out.csv")
+        }
         assert [*left_out] == [name for name in view.names if name not in kept]
         assert {*left_out.values()} == {"less sure than the share of right poses asks for"}
     meshes = export(view, "ply", tmp_path / "ply", right=0.996)
@@ -371,7 +360,7 @@ def test_only_the_surest_shapes_are_written_and_the_others_are_listed(view, tmp_
     export(view, "ply", tmp_path / "every")
     assert said not in notes_of_export(tmp_path / "every", "ply")
     export(view, "ply", tmp_path / "more", right=0.8)
-    left_out = {row["name"] for row in rows(tmp_path / "more" / "left_out.csv")}
+    left_out = {row["name"] for row in read_rows(tmp_path / "more" / "left_out.csv")}
     written = {path.stem for path in (tmp_path / "more").glob("*.ply")}
     assert left_out == {*view.names} - written
     assert view.names[1] in written, "in doubt, but sure enough for this share"

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from collalign.tools.transfer.command import landmarks_page
-from collalign.tools.transfer.result import CARRIED, DOUBTFUL_POSE, PLACED, TransferredLandmarks
+from collalign.tools.transfer.result import CARRIED, DOUBTFUL_POSE, PLACED
 from data_tools.landmark_files import SemilandmarkRows, read_landmarks
 from data_tools.landmark_tables import read_specimens
 from data_tools.surface.closest import SurfaceLocator
 from tests.browser import Page
-from tests.view_problems import view_of
+from tests.view_problems import transferred_of, view_of
 
 HOSTILE = '=</script><b>x,"y"'
 LABELS = ("tip", HOSTILE, "lost", "curve-1")
@@ -29,22 +29,15 @@ BALL = """canvas => {
 def transferred(view):
     points = np.stack([vertices[[5, 40, 80, 90]] for vertices in view.vertices])
     points[:, 2] = np.nan
-    num = len(view)
-    status = [(CARRIED, CARRIED, DOUBTFUL_POSE, CARRIED)] * num
+    status = [(CARRIED, CARRIED, DOUBTFUL_POSE, CARRIED)] * len(view)
     status[0] = (PLACED, PLACED, DOUBTFUL_POSE, PLACED)
-    nothing = np.full((1, 4), np.nan)
-    return TransferredLandmarks(
-        names=view.names,
-        labels=LABELS,
+    return transferred_of(
+        view,
+        LABELS,
         points=points,
         radii=np.where(np.isnan(points).any(axis=2), np.nan, 0.05 / view.scales[:, None]),
-        ellipsoids=np.full((num, 4, 3, 3), np.nan),
         status=tuple(status),
         templates=view.names[:1],
-        template_trust=np.ones((1, 4)),
-        left_out_points=np.full((1, 4, 3), np.nan),
-        left_out_errors=nothing,
-        left_out_radii=nothing,
         semilandmarks=(SemilandmarkRows("curve", "open curve", (3,)),),
         system="RAS",
     )

@@ -1,6 +1,5 @@
 """The variation of surfaces: what is computed, what the files say, and the page in a headless browser."""
 
-import csv
 import dataclasses
 from pathlib import Path
 
@@ -42,6 +41,7 @@ from data_tools.notes import Note
 from data_tools.rotations import random_rotation
 from data_tools.surface.closest import SurfaceLocator
 from tests.browser import Page
+from tests.commands import read_rows
 from tests.notes import codes, only
 from tests.view_problems import view_of
 
@@ -109,13 +109,13 @@ def written(variation, tmp_path_factory):
 
 
 def test_tables_and_meshes_are_written(written, variation):
-    scores = list(csv.DictReader((written / "scores.csv").open()))
+    scores = read_rows(written / "scores.csv")
     np.testing.assert_allclose(
         [float(row["PC1"]) for row in scores],
         variation.components.scores[:, 0] / np.sqrt(len(variation.mean)),
     )
     assert [row["form"] for row in scores] == list(LABELS)
-    ranked = list(csv.DictReader((written / "quality.csv").open()))
+    ranked = read_rows(written / "quality.csv")
     assert [row["name"] for row in ranked] == [f"s{at}" for at in range(7, -1, -1)]
     assert np.isclose(float(ranked[0]["specimen_to_mean_p95"]), 0.8)
     assert {path.name for path in (written / "groups").iterdir()} == {
@@ -319,8 +319,7 @@ def test_directional_asymmetry_that_the_mirror_map_explains_is_warned_of():
     shapes, faces = stretched()
     mean, _ = sphere_mesh(300)
     exact = SurfaceLocator(mean, faces).closest(mean * [-1, 1, 1])
-    turned = np.eye(3)
-    turned[:2, :2] = [[np.cos(0.1), -np.sin(0.1)], [np.sin(0.1), np.cos(0.1)]]
+    turned = Rotation.from_euler("z", 0.1).as_matrix()
     crooked = SurfaceLocator(mean, faces).closest(mean @ turned.T * [-1, 1, 1] + [0, 0.1, 0.1])
     assert mirror_error(mean, exact) < 0.02 < mirror_error(mean, crooked)
     found = surface_symmetry(shapes, crooked)

@@ -350,7 +350,8 @@ def test_two_runs_do_not_share_a_folder(tmp_path):
 @pytest.mark.parametrize(
     "content",
     [
-        "[",
+        "[" * 100_000,
+        '{"version": ' + "9" * 10_000 + "}",
         "[]",
         '{"version": 2, "files": {}}',
         '{"version": 1, "files": {"../x": {"writer": "test", "digests": []}}}',

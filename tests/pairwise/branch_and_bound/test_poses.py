@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from data_tools.errors import InputError, OptionsError
 from pairwise import all_poses
@@ -51,8 +52,7 @@ def test_the_check_sees_a_missing_region():
 def test_a_symmetric_shape_has_one_region_per_symmetry():
     rng = np.random.default_rng(0)
     third = rng.random((5, 3)) + np.array([0.5, 0.0, -0.5])
-    c, s = np.cos(2 * np.pi / 3), np.sin(2 * np.pi / 3)
-    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    turn = Rotation.from_euler("z", 120.0, degrees=True).as_matrix()
     points = np.concatenate([third, third @ turn.T, third @ turn])
     poses = all_poses(points, points + 0.01 * rng.standard_normal(points.shape), within=4.0)
     assert len(poses.regions) == len(poses.candidates) == 3

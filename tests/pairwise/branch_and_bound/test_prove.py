@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from data_tools.errors import OptionsError
+from pairwise import verify_certificate
 from pairwise.branch_and_bound.prove import _proof, can_certify, prove, searches_of
 from pairwise.problem import Problem, chiralities, energy_scale
 from pairwise.results import Status
@@ -12,7 +13,8 @@ from tests.rigid_problems import is_pointed, planted_cube, rigid_problem
 @pytest.mark.parametrize("seed", range(42))
 def test_small_problems_are_proven_and_agree_with_brute_force(seed):
     problem = rigid_problem(seed)
-    proof = prove(problem, tol=1e-4, time_limit_s=None if is_pointed(problem) else 0.3)
+    limit_s = None if is_pointed(problem) else 0.3
+    proof = prove(problem, tol=1e-4, time_limit_s=limit_s, record=True)
     optimum, scale = brute_force(problem).energy, energy_scale(problem)
     assert proof.status is Status.PROVEN_OPTIMAL or not is_pointed(problem)
     assert proof.lower_bound <= optimum + 1e-12 * scale
@@ -26,6 +28,10 @@ def test_small_problems_are_proven_and_agree_with_brute_force(seed):
         assert problem.pattern.special_blocks == ()
         worse = [p for mirrored, p in chiralities(problem) if mirrored != pose.reflected]
         assert brute_force(worse[0]).energy > pose.energy
+    verified = verify_certificate(
+        problem.target, problem.source, proof.certificate, problem=problem
+    )
+    assert proof.lower_bound - 1e-8 * scale <= verified <= optimum + 1e-12 * scale
 
 
 def test_a_proof_needs_both_chiralities_and_a_mirror_decision_the_whole_energy():

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from data_tools.errors import InputError
 from data_tools.rotations import random_rotation
 from pairwise.branch_and_bound.tilted import least_energies, prove_tilted, with_tilt
+from pairwise.certificates.verify_cells import tilted_bound
 from pairwise.problem import energy_scale
 from tests.oracles import brute_force, every_pose
 from tests.rigid_problems import small_problem
@@ -55,3 +57,10 @@ def test_the_bound_lies_within_the_gap_below_the_least_value_of_brute_force(seed
     values = found.energies - (tilt * found.rotations).sum(axis=(1, 2))
     assert values.min() <= least + 1.01e-3 * scale
     assert found.energies == pytest.approx(least_energies(problem, found.rotations))
+    cells = np.split(found.depths, np.cumsum(found.num_cells)[:-1])
+    verified = tilted_bound(problem, tilt, cells)
+    assert found.lower_bound - 1e-9 * scale <= verified <= least + 1e-9 * scale
+    whole = [np.zeros(4 if problem.dim == 3 else 1, dtype=np.uint8)] * len(cells)
+    assert tilted_bound(problem, tilt, whole) <= verified + 1e-9 * scale
+    with pytest.raises(InputError, match="chiralities"):
+        tilted_bound(problem, tilt, ())

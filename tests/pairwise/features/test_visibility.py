@@ -5,42 +5,32 @@ import pytest
 
 from collalign.confidence.overlap_model import overlap_log_odds
 from data_tools.datasets.synthetic import range_view
-from data_tools.datasets.synthetic_shapes import blob
-from data_tools.embedding.surface_points import centre_and_radius, surface_cells
+from data_tools.embedding.surface_points import surface_cells
 from data_tools.rotations import random_rotation
 from data_tools.sight import DepthImage, place_of_sight
 from data_tools.surface.shape import Shape
 from experiments.generated.rooms import depth_frames, room, way_round
 from pairwise.features.depth_images import sight_conflicts
 from pairwise.features.overlap import evaluate_poses
+from tests.views import WHOLE, view_from
 
-SIGHTS = (
-    np.array([[0.3, 0.9, 0.4], [0.9, 0.3, 0.2]])
-    / np.linalg.norm([[0.3, 0.9, 0.4], [0.9, 0.3, 0.2]], axis=1)[:, None]
-)
-
-
-@pytest.fixture(scope="module")
-def whole():
-    return blob(np.random.default_rng(1), num_vertices=1500)
+SIGHTS = np.array([[0.3, 0.9, 0.4], [0.9, 0.3, 0.2]])
+SIGHTS /= np.linalg.norm(SIGHTS, axis=1, keepdims=True)
 
 
 @pytest.fixture(scope="module")
-def views(whole):
+def views():
     """Two depth images of a blob, some 45 degrees apart, as surfaces in its own coordinates."""
-    cell = 0.1 * centre_and_radius(whole)[1]
-    rng = np.random.default_rng(0)
-    clouds = [range_view(whole, sight, noise=0.003, rng=rng) for sight in SIGHTS]
-    return [surface_cells(Shape.from_arrays(cloud, name="view"), cell) for cloud in clouds]
+    return [view_from(sight, cell_radii=0.1) for sight in SIGHTS]
 
 
-def test_a_depth_image_tells_where_it_was_seen_from_and_a_whole_shape_does_not(whole, views):
+def test_a_depth_image_tells_where_it_was_seen_from_and_a_whole_shape_does_not(views):
     for view, sight in zip(views, SIGHTS, strict=True):
         assert view.sights[0] @ sight > 0.97
         assert (view.normals @ sight > 0).mean() > 0.99
     cell = views[0].cell
-    assert not len(surface_cells(whole, cell).sights)
-    cloud = Shape.from_arrays(whole.vertices, name="cloud")
+    assert not len(surface_cells(WHOLE, cell).sights)
+    cloud = Shape.from_arrays(WHOLE.vertices, name="cloud")
     assert not len(surface_cells(cloud, cell).sights)
 
 
@@ -68,8 +58,8 @@ def test_nothing_is_in_front_at_the_right_pose_and_much_at_a_wrong_one(views):
     assert all_beside.min() == 1.0
 
 
-def test_only_what_was_seen_from_one_direction_contradicts(whole, views):
-    surface = surface_cells(whole, views[0].cell)
+def test_only_what_was_seen_from_one_direction_contradicts(views):
+    surface = surface_cells(WHOLE, views[0].cell)
     rotations, shifts = np.eye(3)[None], np.zeros((1, 3))
     for shares in sight_conflicts(surface, views[0], rotations, shifts):
         assert not np.isnan(shares[0, 0])
@@ -90,7 +80,7 @@ def frames():
     return depth_frames(room(rng, corridor=True), way, rng), way
 
 
-def test_the_place_of_a_camera_is_where_its_rays_meet(frames, whole):
+def test_the_place_of_a_camera_is_where_its_rays_meet(frames):
     rng = np.random.default_rng(1)
     for frame in frames[0]:
         place = place_of_sight(frame.vertices)
@@ -101,7 +91,7 @@ def test_the_place_of_a_camera_is_where_its_rays_meet(frames, whole):
         surface = surface_cells(frame, 0.1, of_scene=True)
         thinned = surface.points[:: max(1, len(surface.points) // 700)]
         assert not len(place_of_sight(thinned[:90])), "of few points nothing is known"
-    view = range_view(whole, SIGHTS[0], noise=0.003, rng=rng)
+    view = range_view(WHOLE, SIGHTS[0], noise=0.003, rng=rng)
     assert not len(place_of_sight(view)), "its rays are parallel"
 
 

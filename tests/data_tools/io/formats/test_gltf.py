@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial.transform import Rotation
 
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError, UnavailableError
@@ -21,6 +22,7 @@ from tests.memory import most_memory
 MESH = blob(np.random.default_rng(3), num_vertices=60)
 CODES = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
 QUARTER = [0.0, 0.0, 0.5**0.5, 0.5**0.5]
+QUARTER_TURN = Rotation.from_quat(QUARTER).as_matrix()
 
 
 class Scene:
@@ -116,7 +118,7 @@ def test_nodes_move_what_is_below_them_and_mirrors_turn_faces_round(tmp_path):
     scene.node(children=[middle], matrix=matrix.T.ravel().tolist())
     scene.node(mesh=mesh)
     found = scene.read()
-    turned = MESH.vertices * [-1, 2, 3] @ np.array([[0, -1.0, 0], [1, 0, 0], [0, 0, 1]]).T + [
+    turned = MESH.vertices * [-1, 2, 3] @ QUARTER_TURN.T + [
         1,
         0,
         0,
@@ -145,7 +147,7 @@ def test_the_node_of_a_skinned_mesh_does_not_move_it_but_what_is_below_it():
     scene.document["skins"] = [{"joints": [scene.node()]}]
     found = scene.read()
     np.testing.assert_allclose(found.vertices[:60], MESH.vertices, atol=1e-6)
-    moved = MESH.vertices * [1, 5, 1] @ np.array([[0, -1.0, 0], [1, 0, 0], [0, 0, 1]]).T
+    moved = MESH.vertices * [1, 5, 1] @ QUARTER_TURN.T
     np.testing.assert_allclose(found.vertices[60:] - [1, 0, 0], moved, atol=1e-5)
     assert found.notes == not_kept(["the pose of its skeleton"])
 
