@@ -18,7 +18,6 @@ from collalign.output.collection import Collection
 from collalign.output.loading import load
 from collalign.output.moved_files import is_there
 from collalign.products.pair import FormerPairs
-from collalign.stages.kinds.plan import kinds_of
 from data_tools.arrays import read_only
 from data_tools.checks import as_options
 from data_tools.errors import InputError
@@ -94,13 +93,11 @@ def add_to_collection(
     former = _with_moved(former, listed)
     files = former.source_files()
     options = _with_columns(former.options, columns)
-    of_listed = kinds_of(kinds, [*dict.fromkeys((*former.names, *listed.names))])
     new, known = _without_known(listed, former.names, files)
     if not new.files:
         return replace(former, run=replace(former.run, known=known))
-    named_there = {name: name for name in former.names}
-    named_there |= dict(zip(_free_names(new, former.names), new.names, strict=True))
-    new = replace(new, names=tuple(named_there)[len(former.names) :])
+    listed_as = former.names + new.names
+    new = replace(new, names=_free_names(new, former.names))
     listing = FolderListing(
         files=files + new.files, names=former.names + new.names, skipped=new.skipped
     )
@@ -118,11 +115,8 @@ def add_to_collection(
                 num_shapes=len(files), edges=edges, group=former.group, kinds=former.kinds
             ),
             incomplete=[former.names[one.shape] for one in former.incomplete],
-            kinds={
-                name: of_listed[listed_as]
-                for name, listed_as in named_there.items()
-                if listed_as in of_listed
-            },
+            kinds=kinds,
+            listed_as=listed_as,
         )
     stated = dict(zip(former.names, former.confidence.tolist(), strict=True))
     confidence = [
