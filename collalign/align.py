@@ -158,6 +158,7 @@ def align_listing(
     incomplete: Iterable[str] = (),
     own: Own = Own(),  # noqa: B008
     kinds: Mapping[str, str] | Literal["", "folder"] = "",
+    listed_as: Sequence[str] = (),
 ) -> Collection:
     """Align listed files; :func:`align_collection` and :func:`collalign.extend.add_to_collection` both end here.
 
@@ -177,6 +178,8 @@ def align_listing(
         What the caller knows in addition.
     kinds : mapping of str to str, or "folder"
         The kind of each shape by name; of shapes that it lacks the kind is found.
+    listed_as : sequence of str, optional
+        Names by which ``kinds`` knows the shapes, where they are not those of the listing.
     """
     began_s, times_s = time.perf_counter(), dict[str, float]()
     fixed, kept = (
@@ -187,7 +190,11 @@ def align_listing(
         with_known_names(own, listing.names),
         with_known_options(session, listing.names),
     )
-    asked, labels = session.options, kinds_of(kinds, listing.names)
+    listed_as = listed_as or listing.names
+    said, asked = kinds_of(kinds, [*dict.fromkeys(listed_as)]), session.options
+    labels = {
+        name: said[one] for name, one in zip(listing.names, listed_as, strict=True) if one in said
+    }
     task = KindTask(
         session=session,
         listing=listing,

@@ -62,7 +62,8 @@ def add_to_collection(
     columns : str, optional
         As in :class:`CleaningOptions`, where the result was made without.
     kinds
-        Of the new shapes, as in :func:`collalign.align_collection`. Old shapes stay of their kind.
+        Of the new shapes by their names in ``shapes``, as in :func:`collalign.align_collection`. Old shapes stay of
+        their kind.
 
     Returns
     -------
@@ -95,6 +96,7 @@ def add_to_collection(
     new, known = _without_known(listed, former.names, files)
     if not new.files:
         return replace(former, run=replace(former.run, known=known))
+    listed_as = former.names + new.names
     new = replace(new, names=_free_names(new, former.names))
     listing = FolderListing(
         files=files + new.files, names=former.names + new.names, skipped=new.skipped
@@ -114,6 +116,7 @@ def add_to_collection(
             ),
             incomplete=[former.names[one.shape] for one in former.incomplete],
             kinds=kinds,
+            listed_as=listed_as,
         )
     stated = dict(zip(former.names, former.confidence.tolist(), strict=True))
     confidence = [

@@ -104,14 +104,19 @@ def _store_of(result: Path) -> Path:
     Raises
     ------
     InputError
-        If a tool wrote the folder, or nothing did.
+        If a tool wrote the folder, or nothing did, or the store lies elsewhere.
     """
     store = result / STORE_FILE
     if not result.is_dir():
         return result
-    if not store.exists() and not (result / EVIDENCE_FILE).is_file():
+    if store.exists():
+        return store
+    if (result / EVIDENCE_FILE).is_file():
         raise InputError(
-            f"{result}: this folder was written by a tool and has no run of its own. Ask for the status of its "
-            f"alignment, {alignment_folder(result).resolve()}, or use --cite"
+            f"{result}: the store of this result is not in it. Where --store named another file, ask for the status "
+            "of that file"
         )
-    return store
+    raise InputError(
+        f"{result}: this folder was written by a tool and has no run of its own. Ask for the status of its "
+        f"alignment, {alignment_folder(result).resolve()}, or use --cite"
+    )

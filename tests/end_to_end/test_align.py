@@ -11,6 +11,7 @@ import pytest
 
 from collalign import AlignOptions, RunOptions, align_collection, load
 from collalign.engine.store import Store
+from collalign.output.evidence_file import EVIDENCE_FILE
 from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape, write_mesh
@@ -226,6 +227,11 @@ def test_status_of_an_unfinished_run_says_the_stage_and_how_to_go_on(tmp_path):
     assert "the run is not finished" in run_command("status", tmp_path, "--prune", ends=2).err
     ended = run_command("status", tmp_path / "nowhere", "--prune", ends=2)
     assert "there is no such store" in ended.err
+
+
+def test_status_of_a_result_whose_store_lies_elsewhere_asks_for_that(tmp_path):
+    (tmp_path / EVIDENCE_FILE).touch()
+    assert "Where --store named another file" in run_command("status", tmp_path, ends=2).err
 
 
 def test_pruning_leaves_what_the_same_command_needs(folder, out):

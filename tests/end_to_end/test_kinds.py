@@ -149,6 +149,17 @@ def test_added_shapes_come_to_their_kind_and_nothing_moves(found, planted, tmp_p
     assert worst_within_deg(grown, planted) < 15
 
 
+def test_the_folder_of_an_added_shape_says_its_kind_even_where_its_name_is_taken(planted, tmp_path):
+    for at, place in ((0, "mixed/blobs/0"), (1, "mixed/blobs/1"), (5, "mixed/figures/0")):
+        write_mesh(tmp_path / f"{place}.ply", planted.shapes[at])
+    write_mesh(tmp_path / "late" / "blobs" / "0.ply", planted.shapes[4])
+    said = {"recursive": True, "kinds": "folder", "run": ALONE, "progress": False}
+    first = align_collection(tmp_path / "mixed", options=OPTIONS, **said)
+    grown = collalign.add_to_collection(first, tmp_path / "late", **said)
+    assert grown.names[3:] == ("late/blobs/0",)
+    assert grown.kind_names == ("blobs", "blobs", "figures", "blobs")
+
+
 def test_the_helper_notices_a_wrong_pose(found, planted):
     wrong = found.transforms.copy()
     wrong[0, :3, :3] = wrong[0, :3, :3] @ np.diag([1.0, -1.0, -1.0])

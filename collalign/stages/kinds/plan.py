@@ -85,7 +85,8 @@ def kinds_of(kinds: Mapping[str, str] | str, names: Sequence[str]) -> dict[str, 
     folders = {name: name.split("/")[0] for name in names if "/" in name}
     if not folders:
         raise InputError(
-            "kinds: no shape lies in a folder of the folder; use --recursive (in Python recursive=True)"
+            "kinds: no shape lies in a folder of the folder, so none says a kind. Name the folder above, with "
+            "--recursive (in Python recursive=True)"
         )
     return folders
 
