@@ -47,6 +47,9 @@ class SightTuning(NamedTuple):
     """Directions that are no worse than the best one by this are possible, too, ..."""
     apart: float = 0.98
     """... those that differ by this cosine."""
+    most_away: float = 0.25
+    """Of a mesh at most this share of the area across the line of sight faces away: in frames of rooms up to .16, in
+    low models of guns, pianos and cars .39 to .5."""
     front_cells: float = 1.5
     """A point is in front of what was seen if it is so many cells nearer than all that was seen around, ..."""
     least_faced: float = 0.3

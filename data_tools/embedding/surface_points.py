@@ -18,7 +18,7 @@ from data_tools.local_surface import (
 )
 from data_tools.options import SamplingOptions
 from data_tools.partial_surface import PartialSurface
-from data_tools.sight import lines_of_sight, place_of_sight
+from data_tools.sight import TUNED, lines_of_sight, place_of_sight
 from data_tools.surface.shape import MAX_DEFECTS, Shape, orientation_defects, outward_normals
 from data_tools.surface.topology import (
     boundary_edges,
@@ -72,7 +72,7 @@ def surface_cells(shape: Shape, cell: float, *, of_scene: bool = False) -> Local
     is_closed = shape.is_mesh and not is_open_surface(shape.vertices, shape.faces)
     radius_cells = SCENE_RADIUS_CELLS if of_scene else RADIUS_CELLS
     no_sights = of_scene or is_closed
-    sights = np.empty((0, 3)) if no_sights else lines_of_sight(shape.vertices)
+    sights = np.empty((0, 3)) if no_sights else lines_that_saw(shape)
     is_image = of_scene or len(sights) > 0
     has_side = shape.is_mesh and orientation_defects(shape) <= MAX_DEFECTS
     spread, triangles = shape.vertices, np.empty((0, 3))
@@ -109,6 +109,19 @@ def surface_cells(shape: Shape, cell: float, *, of_scene: bool = False) -> Local
         places=place_of_sight(shape.vertices) if of_scene else (),
         radius_cells=radius_cells,
     )
+
+
+def lines_that_saw(shape: Shape) -> FloatArray:
+    """Return unit directions (s, 3) from which all of a shape is seen, as :func:`lines_of_sight` has them.
+
+    None sees both sides of a mesh. Vertices of low models are too far apart to hide each other.
+    """
+    sights = lines_of_sight(shape.vertices)
+    if not len(sights) or not shape.is_mesh or orientation_defects(shape) > MAX_DEFECTS:
+        return sights
+    facing = sights[0] @ face_crosses(shape.vertices, shape.faces)
+    away = min(facing[facing > 0.0].sum(), -facing[facing < 0.0].sum())
+    return sights[: 0 if away > TUNED.most_away * np.abs(facing).sum() else None]
 
 
 def centre_and_radius(shape: Shape) -> tuple[FloatArray, float]:

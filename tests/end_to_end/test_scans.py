@@ -20,11 +20,11 @@ from collalign.stages.shape_stage import prepare_shapes
 from data_tools.datasets.synthetic import deformed_family, range_view
 from data_tools.datasets.synthetic_shapes import blob, crown
 from data_tools.embedding import surface_points
+from data_tools.embedding.surface_points import lines_that_saw
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.objects import list_shapes
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation
-from data_tools.sight import lines_of_sight
 from tests.commands import read_json, run_command
 from tests.finished_runs import angles_deg
 from tests.notes import codes
@@ -129,13 +129,13 @@ def test_scans_that_nobody_called_so_and_no_direction_saw_are_in_doubt(
 def test_a_cloud_that_was_seen_from_the_other_side_than_guessed_is_joined(
     views, aligned, monkeypatch, is_known
 ):
-    clouds, guess = {name: points + 1.0 for name, points in views[0].items()}, lines_of_sight
+    clouds, guess = {name: points + 1.0 for name, points in views[0].items()}, lines_that_saw
     wrong = len(clouds["view0"])
     assert sum(len(points) == wrong for points in clouds.values()) == 1
     monkeypatch.setattr(
         surface_points,
-        "lines_of_sight",
-        lambda points: -guess(points) if len(points) == wrong else guess(points),
+        "lines_that_saw",
+        lambda shape: -guess(shape) if len(shape.vertices) == wrong else guess(shape),
     )
     monkeypatch.setattr(scanning, "side_known", lambda shapes, scan: is_known)
     collection = aligned(clouds, incomplete="all")

@@ -63,7 +63,7 @@ def overlap_pair(
 
 
 #: Describes a surface. The version changes whenever the same file and cell would give another one.
-DESCRIBING = Job(kind="surfaces", version="local-7", run=describe_file, reader=LocalSurface)
+DESCRIBING = Job(kind="surfaces", version="local-8", run=describe_file, reader=LocalSurface)
 #: Matches a pair by what both share. The version changes whenever the same surfaces would give other poses.
 OVERLAPPING = Job(kind="evidence", version="overlap-7", run=overlap_pair, reader=LocalPoses)
 
