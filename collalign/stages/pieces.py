@@ -87,7 +87,9 @@ def consistent_readings(
 ) -> BoolArray:
     """Return which shapes are read by all of their pieces, shape (N,).
 
-    Each is read as most of its pairs would have it, then as those would that are read alike, until none changes.
+    Each is read as most of its pairs would have it, then as those would that are read alike, until none changes. The
+    same is done from all shapes read alike, and that is taken by which all pairs together tell most. A pair of which
+    each shape is read in another way tells nothing. So it does not matter which partners a shape was matched with.
 
     Parameters
     ----------
@@ -96,26 +98,35 @@ def consistent_readings(
     by_largest, by_all : mapping of (int, int) to float
         How well each pair with such a shape tells poses apart by either reading; one that cannot be matched does not.
     """
+    pairs = {
+        pair: (by_largest.get(pair, 0.0), by_all.get(pair, 0.0) + LEAST_GAIN)
+        for pair in sorted(by_largest.keys() | by_all.keys())
+    }
     told: list[dict[int, tuple[float, float]]] = [{} for _ in has_two]
-    for i, j in sorted(by_largest.keys() | by_all.keys()):
-        either = by_largest.get((i, j), 0.0), by_all.get((i, j), 0.0) + LEAST_GAIN
+    for (i, j), either in pairs.items():
         told[i][j] = told[j][i] = either
-    is_whole = np.array(
-        [
-            two and sum(all_ - one for one, all_ in own.values()) >= 0.0
-            for two, own in zip(has_two, told, strict=True)
-        ],
-        dtype=np.bool_,
-    )
-    for _ in range(len(has_two)):
-        before = is_whole.copy()
-        for i in np.flatnonzero(has_two).tolist():
-            of_largest = sum(by[0] for j, by in told[i].items() if not (has_two[j] and is_whole[j]))
-            of_all = sum(by[1] for j, by in told[i].items() if is_whole[j] or not has_two[j])
-            is_whole[i] = of_all >= of_largest
-        if (is_whole == before).all():
-            break
-    return is_whole
+
+    def settled(is_whole: BoolArray) -> BoolArray:
+        for _ in range(len(has_two)):
+            before = is_whole.copy()
+            for i in np.flatnonzero(has_two).tolist():
+                of_largest = sum(by[0] for j, by in told[i].items() if not is_whole[j])
+                of_all = sum(by[1] for j, by in told[i].items() if is_whole[j] or not has_two[j])
+                is_whole[i] = of_all >= of_largest
+            if (is_whole == before).all():
+                break
+        return is_whole
+
+    def told_by_all_pairs(is_whole: BoolArray) -> float:
+        has_all = is_whole | ~has_two
+        of_all = sum(by[1] for (i, j), by in pairs.items() if has_all[i] and has_all[j])
+        return of_all + sum(
+            by[0] for (i, j), by in pairs.items() if not (is_whole[i] or is_whole[j])
+        )
+
+    likelier = [sum(all_ - one for one, all_ in own.values()) >= 0.0 for own in told]
+    starts = (has_two & likelier, has_two.copy(), np.zeros_like(has_two))
+    return max(map(settled, starts), key=told_by_all_pairs)
 
 
 def asked_pairs(keys: Sequence[str], seed: int, has_two: BoolArray) -> IntArray:

@@ -56,6 +56,14 @@ def test_kinds_are_read_each_as_suits_it():
     assert readings(6, [True] * 6, told(True), told(False)) == [False] * 3 + [True] * 3
 
 
+def test_shapes_of_one_kind_are_read_alike_whichever_partners_tell():
+    """Two of eight shapes tell the readings apart; the others were matched with one of these, or with none."""
+    alike = {pair: 4.0 for pair in itertools.combinations(range(6), 2) if sum(pair) % 2}
+    clear = {(0, 6): 4.0, (2, 7): 4.0, (4, 6): 4.0, (6, 7): 4.0}
+    by_all = {**alike, **dict.fromkeys(clear, 1.0)}
+    assert not consistent_readings(np.ones(8, dtype=bool), alike | clear, by_all).any()
+
+
 def test_a_pair_tells_little_where_poses_fit_alike_or_surfaces_mismatch():
     def told(energies, mismatches, rotations=(SAME, HALF_TURN)):
         return tells_apart(pair_of(np.stack(rotations), energies, mismatches=np.array(mismatches)))
