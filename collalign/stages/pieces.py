@@ -89,7 +89,7 @@ def consistent_readings(
 
     Each is read as most of its pairs would have it, then as those would that are read alike, until none changes. The
     same is done from all shapes read alike, and that is taken by which all pairs together tell most. A pair of which
-    each shape is read in another way tells nothing. So it does not matter which partners a shape was matched with.
+    each shape is read in another way tells nothing. So shapes whose own pairs tell little follow the others.
 
     Parameters
     ----------

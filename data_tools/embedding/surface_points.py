@@ -120,8 +120,9 @@ def lines_that_saw(shape: Shape) -> FloatArray:
     if not len(sights) or not shape.is_mesh or orientation_defects(shape) > MAX_DEFECTS:
         return sights
     facing = sights[0] @ face_crosses(shape.vertices, shape.faces)
-    away = min(facing[facing > 0.0].sum(), -facing[facing < 0.0].sum())
-    return sights[: 0 if away > TUNED.most_away * np.abs(facing).sum() else None]
+    areas = facing[facing > 0.0].sum(), -facing[facing < 0.0].sum()
+    has_two_sides = min(areas) > TUNED.most_away * sum(areas)
+    return sights[:0] if has_two_sides else sights
 
 
 def centre_and_radius(shape: Shape) -> tuple[FloatArray, float]:

@@ -71,11 +71,12 @@ def measure_cut(cell: Cell) -> Record:
     found = ranked_maps(target, source, options)
     maps = vertex_maps(target, source, found[0])
     match = match_of(target, source, found, maps, num_candidates=options.num_candidates)
+    told = match.no_counterpart_source, match.no_counterpart_target
     opposite = [
-        (pair[0].places[pair[1].to_template] < 0, match.no_counterpart_source),
-        (pair[1].places[pair[0].to_template] < 0, match.no_counterpart_target),
+        (cut.places[other.to_template] < 0, said)
+        for cut, other, said in zip(pair, pair[::-1], told, strict=True)
+        if isinstance(cut, CutBiped)
     ]
-    opposite = [opposite[at] for at in range(2) if isinstance(pair[at], CutBiped)]
     lost, lacking = (np.concatenate(own) for own in zip(*opposite, strict=True))
     truth = pair[0].places[pair[1].to_template]
     known = np.flatnonzero((truth >= 0) & (maps[0] >= 0))
