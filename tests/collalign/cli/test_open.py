@@ -496,7 +496,10 @@ def test_a_browser_that_is_waited_for_is_answered_and_the_end_ends_what_was_begu
         given, key, has_page = (tmp_path / "said").read_text().split()
         assert has_page == "True"
         assert given.startswith("file://")
-        (begun,) = below(process.pid)
+        while not (commands := below(process.pid)):  # a thread that ends hands its commands on
+            assert process.poll() is None
+            time.sleep(0.02)
+        (begun,) = commands
         for pid in (process.pid, begun):
             words = Path(f"/proc/{pid}/cmdline").read_text()
             assert key not in words
@@ -520,11 +523,10 @@ def test_a_browser_that_is_waited_for_is_answered_and_the_end_ends_what_was_begu
 
 def below(parent):
     """Return the commands that a process has started and that run."""
-    pids = [
-        int(pid)
-        for file in Path(f"/proc/{parent}/task").glob("*/children")
-        for pid in file.read_text().split()
-    ]
+    pids = set()
+    for file in Path(f"/proc/{parent}/task").glob("*/children"):
+        with suppress(FileNotFoundError, ProcessLookupError):  # the thread has ended
+            pids |= {int(pid) for pid in file.read_text().split()}
     return {pid for pid in pids if b"\0align\0" in Path(f"/proc/{pid}/cmdline").read_bytes()}
 
 
