@@ -13,6 +13,8 @@ from scipy.spatial import cKDTree
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.rotations import half_sphere
+from data_tools.surface.shape import MAX_DEFECTS, Shape, orientation_defects
+from data_tools.surface.topology import face_crosses
 
 
 class SightTuning(NamedTuple):
@@ -310,6 +312,20 @@ def lines_of_sight(points: FloatArray) -> FloatArray:
     falling = np.vdot(slopes, arms) - (slopes @ sights[0]) @ (arms @ sights[0])
     sights = sights * np.where(sights @ sights[0] < 0.0, -1.0, 1.0)[:, None]
     return sights if falling >= 0 else -sights
+
+
+def lines_that_saw(shape: Shape) -> FloatArray:
+    """Return unit directions (s, 3) from which all of a shape is seen, as :func:`lines_of_sight` has them.
+
+    None sees both sides of a mesh. Vertices of low models are too far apart to hide each other.
+    """
+    sights = lines_of_sight(shape.vertices)
+    if not len(sights) or not shape.is_mesh or orientation_defects(shape) > MAX_DEFECTS:
+        return sights
+    facing = sights[0] @ face_crosses(shape.vertices, shape.faces)
+    areas = facing[facing > 0.0].sum(), -facing[facing < 0.0].sum()
+    has_two_sides = min(areas) > TUNED.most_away * sum(areas)
+    return sights[:0] if has_two_sides else sights
 
 
 def _neighbourhoods(

@@ -40,7 +40,7 @@ from data_tools.surface.outliers import apart_ratios, odd_ratios
 MOST_FOR_SIDES = 150
 
 #: Reads, cleans, samples and embeds a shape. The version changes whenever the same file would give other samples.
-SAMPLING = Job(kind="shapes", version="shape-23", run=sample_file, reader=Samples)
+SAMPLING = Job(kind="shapes", version="shape-24", run=sample_file, reader=Samples)
 
 
 def prepare_shapes(

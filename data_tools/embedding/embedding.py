@@ -17,7 +17,7 @@ from data_tools.embedding.invariants import (
     heat_kernel_signature,
     standardised,
 )
-from data_tools.embedding.sampling import OwnPoints, check_determines_pose
+from data_tools.embedding.sampling import OwnPoints, check_determines_pose, farthest_points
 from data_tools.embedding.surface_points import centre_and_radius, surface_cells
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import InputError
@@ -184,8 +184,7 @@ def sample_shape(
         descriptors = _descriptors(surface, eigen, embedding)
     else:
         descriptors = [(own.weight, own.invariants[surface.to_original])]
-    dense_chosen = _choose_dense(surface, sampling)
-    dense_positions = (surface.places(dense_chosen) - offset) / scale
+    dense_indices, dense_points, dense_normals = _dense(surface, shape, sampling)
     return Samples(
         name=shape.name,
         vertex_indices=read_only(indices),
@@ -195,9 +194,9 @@ def sample_shape(
         invariants=read_only(_invariants(descriptors, chosen, positions)),
         offset=read_only(offset),
         scale=scale,
-        dense_indices=read_only(surface.to_original[dense_chosen]),
-        dense_positions=read_only(dense_positions),
-        dense_normals=read_only(surface.normals(dense_chosen)),
+        dense_indices=read_only(dense_indices),
+        dense_positions=read_only((dense_points - offset) / scale),
+        dense_normals=read_only(dense_normals),
         signature=shape_signature(shape),
         rim=surface.rim,
         local=_local_surface(surface.shape if shape.is_mesh else shape),
@@ -332,16 +331,46 @@ def _invariants(
     return np.ascontiguousarray(np.hstack([np.empty((len(chosen), 0)), *blocks]))
 
 
-def _choose_dense(surface: WorkingSurface, options: SamplingOptions) -> IntArray:
-    """Return the dense samples as vertices of the working surface, no two at the same place of the original."""
+def _dense(
+    surface: WorkingSurface, shape: Shape, options: SamplingOptions
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Return the dense samples, no two at the same place of the shape.
+
+    These are their nearest vertices (m,), their places (m, 3), and outward normals (m, 3), or (0, 3) where the shape
+    has no sides.
+    """
     num = min(options.num_dense_points, len(surface.shape.vertices))
-    if not num:
-        return np.empty(0, dtype=np.int64)
-    chosen = surface.farthest_points(num, "euclidean", seeded=False)
-    if surface.lies_between:
-        return chosen
-    _, first = np.unique(surface.to_original[chosen], return_index=True)
-    return chosen[np.sort(first)]
+    if surface.is_joined:
+        return _dense_of_joined(surface, shape, num)
+    chosen = np.empty(0, dtype=np.int64)
+    if num:
+        chosen = surface.farthest_points(num, "euclidean", seeded=False)
+    if not surface.lies_between:
+        first = np.unique(surface.to_original[chosen], return_index=True)[1]
+        chosen = chosen[np.sort(first)]
+    return surface.to_original[chosen], surface.places(chosen), surface.normals(chosen)
+
+
+def _dense_of_joined(
+    surface: WorkingSurface, shape: Shape, num: int
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Return dense samples as :func:`_dense`, half of them vertices of the shape, if so many are not inside.
+
+    Versions of one object have many vertices in common, but no other place that the surface around them says.
+    """
+    corners, beside = surface.corners(num // 2)
+    every = np.arange(len(surface.shape.vertices))
+    vertices = np.concatenate([corners, surface.to_original])
+    places = np.concatenate([shape.vertices[corners], surface.places(every)])
+    places, first = np.unique(places, axis=0, return_index=True)
+    chosen = farthest_points(
+        Shape.from_arrays(places, name=shape.name),
+        min(num, len(places)),
+        metric="euclidean",
+        seeds=np.argsort(first)[: len(corners)],
+    )
+    at = np.concatenate([beside, every])[first[chosen]]
+    return vertices[first[chosen]], places[chosen], surface.normals(at)
 
 
 def sample_file(

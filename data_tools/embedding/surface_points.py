@@ -18,7 +18,7 @@ from data_tools.local_surface import (
 )
 from data_tools.options import SamplingOptions
 from data_tools.partial_surface import PartialSurface
-from data_tools.sight import TUNED, lines_of_sight, place_of_sight
+from data_tools.sight import lines_that_saw, place_of_sight
 from data_tools.surface.shape import MAX_DEFECTS, Shape, orientation_defects, outward_normals
 from data_tools.surface.topology import (
     boundary_edges,
@@ -109,20 +109,6 @@ def surface_cells(shape: Shape, cell: float, *, of_scene: bool = False) -> Local
         places=place_of_sight(shape.vertices) if of_scene else (),
         radius_cells=radius_cells,
     )
-
-
-def lines_that_saw(shape: Shape) -> FloatArray:
-    """Return unit directions (s, 3) from which all of a shape is seen, as :func:`lines_of_sight` has them.
-
-    None sees both sides of a mesh. Vertices of low models are too far apart to hide each other.
-    """
-    sights = lines_of_sight(shape.vertices)
-    if not len(sights) or not shape.is_mesh or orientation_defects(shape) > MAX_DEFECTS:
-        return sights
-    facing = sights[0] @ face_crosses(shape.vertices, shape.faces)
-    areas = facing[facing > 0.0].sum(), -facing[facing < 0.0].sum()
-    has_two_sides = min(areas) > TUNED.most_away * sum(areas)
-    return sights[:0] if has_two_sides else sights
 
 
 def centre_and_radius(shape: Shape) -> tuple[FloatArray, float]:

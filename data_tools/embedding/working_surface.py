@@ -12,7 +12,7 @@ from data_tools.embedding.invariants import boundary_distance
 from data_tools.embedding.sampling import farthest_points
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions, SamplingOptions
-from data_tools.sight import lines_of_sight
+from data_tools.sight import lines_that_saw
 from data_tools.surface.cleaning import clean, decimate
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.geodesics import (
@@ -21,7 +21,7 @@ from data_tools.surface.geodesics import (
     agd_maxima,
     average_geodesic_distance,
 )
-from data_tools.surface.joined import joined_surface
+from data_tools.surface.joined import cell_size, joined_surface
 from data_tools.surface.laplacian import (
     NUM_CLOUD_NEIGHBOURS,
     Spectrum,
@@ -41,6 +41,8 @@ from data_tools.surface.topology import (
 MOST_CLOUD_POINTS = 6_000
 #: A decimated mesh has at least four vertices for each sample to choose from.
 FACES_PER_SAMPLE = 8
+#: Vertices of components are not inside if they are no farther than this from the surface around all, in its cells.
+OUTSIDE_CELLS = 1.5
 #: No two seeds are nearer than this, times the square root of the area.
 SEED_SPACING = 0.2
 
@@ -68,6 +70,8 @@ class WorkingSurface:
         The vertex of the given shape nearest to each vertex of the copy.
     notes : tuple of Note
         What differs from the given shape, and which operators were used so far.
+    is_joined : bool
+        Whether it is the surface around all components.
     is_split : bool
         Whether triangles were split.
     lies_between : bool
@@ -78,16 +82,19 @@ class WorkingSurface:
         self, shape: Shape, options: SamplingOptions, *, joined: bool = False, split: bool = False
     ) -> None:
         self._given = shape
-        is_joined = joined and _is_assembled(shape)
+        self.is_joined = joined and _is_assembled(shape)
         self.is_split = (
-            split and not is_joined and shape.is_mesh and len(_used(shape)) < options.num_points
+            split
+            and not self.is_joined
+            and shape.is_mesh
+            and len(_used(shape)) < options.num_points
         )
         self.shape, self.to_original, note = _reduce(
-            joined_surface(shape) if is_joined else shape, options
+            joined_surface(shape) if self.is_joined else shape, options
         )
         if self.is_split:
             self.shape = _split(self.shape, max(options.num_points, options.num_dense_points))
-        self.lies_between = is_joined or self.is_split
+        self.lies_between = self.is_joined or self.is_split
         if self.lies_between:
             self.to_original = _nearest_used(shape, self.shape.vertices)
         self._notes = [note] if note else []
@@ -103,6 +110,21 @@ class WorkingSurface:
             return self._given.vertices[self.to_original[chosen]]
         given = SurfaceLocator(self._given.vertices, self._given.faces)
         return given.closest(self.shape.vertices[chosen]).on(self._given.vertices)
+
+    def corners(self, num: int) -> tuple[IntArray, IntArray]:
+        """Return given vertices (m,) that a joined surface goes around, and its vertices beside these (m,).
+
+        At most ``num`` at different places, the farthest from each other.
+        """
+        used = _used(self._given)
+        used = used[np.unique(self._given.vertices[used], axis=0, return_index=True)[1]]
+        given = self._given.vertices[used]
+        around = SurfaceLocator(self.shape.vertices, self.shape.faces).closest(given)
+        gaps = np.linalg.norm(around.on(self.shape.vertices) - given, axis=1)
+        near = np.flatnonzero(gaps <= OUTSIDE_CELLS * cell_size(self._given))
+        outside = Shape.from_arrays(given[near], name=self._given.name)
+        chosen = near[farthest_points(outside, min(num, len(near)), metric="euclidean")]
+        return used[chosen], around.nearest[chosen]
 
     def normals(self, chosen: IntArray) -> FloatArray:
         """Return the outward normals at vertices (k,) of the copy, (k, 3); (0, 3) where the shape has no sides."""
@@ -258,4 +280,4 @@ def _is_assembled(shape: Shape) -> bool:
     """Return whether a mesh has several components and was not seen from one side only."""
     if not shape.is_mesh or _is_connected(shape):
         return False
-    return not len(lines_of_sight(shape.vertices))
+    return not len(lines_that_saw(shape))

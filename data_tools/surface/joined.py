@@ -53,11 +53,17 @@ def joined_surface(mesh: Shape) -> Shape:
     )
 
 
+def cell_size(mesh: Shape) -> float:
+    """Return the side of the cells of :func:`joined_surface`."""
+    corners = mesh.vertices[mesh.faces]
+    return float(np.linalg.norm(np.ptp(corners, axis=(0, 1)))) / NUM_CELLS
+
+
 def _occupied_cells(mesh: Shape) -> tuple[FloatArray, float, BoolArray]:
     """Return the corner (3,) of a grid, the size of its cells, and which of these triangles go through."""
     corners = mesh.vertices[mesh.faces]
     first, last = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-    size = float(np.linalg.norm(last - first)) / NUM_CELLS
+    size = cell_size(mesh)
     corner = first - _MARGIN_CELLS * size
     cells = np.floor((_points_on(corners, size / 2) - corner) / size).astype(np.int64)
     occupied = np.zeros(np.ceil((last - corner) / size).astype(int) + _MARGIN_CELLS, dtype=np.bool_)

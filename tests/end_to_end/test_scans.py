@@ -20,11 +20,11 @@ from collalign.stages.shape_stage import prepare_shapes
 from data_tools.datasets.synthetic import deformed_family, range_view
 from data_tools.datasets.synthetic_shapes import blob, crown
 from data_tools.embedding import surface_points
-from data_tools.embedding.surface_points import lines_that_saw
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.objects import list_shapes
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation
+from data_tools.sight import lines_that_saw
 from tests.commands import read_json, run_command
 from tests.finished_runs import angles_deg
 from tests.notes import codes

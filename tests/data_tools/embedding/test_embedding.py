@@ -2,6 +2,7 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from data_tools.datasets.synthetic import mirrored, point_cloud, shuffled
 from data_tools.datasets.synthetic_shapes import blob, crown, sphere_mesh
@@ -162,6 +163,21 @@ def test_samples_of_joined_components_lie_between_their_few_vertices(tmp_path):
     on_top = (top[:, 2] > 2.49) & (np.abs(top[:, :2] - [2.0, 1.5]) < [1.7, 1.2]).all(axis=1)
     assert on_top.sum() > 5
     assert (found.dense_normals[on_top, 2] > 0.9).all()
+
+
+def test_dense_samples_of_joined_components_begin_with_their_vertices_outside(tmp_path):
+    """A drawer lies inside a table's board; its other vertices are where no sampling would put a point."""
+    table = boxes(
+        ((4, 3, 1), (0, 0, 2)), ((0.6, 0.6, 2), (1.7, 1.2, 0)), ((1, 1, 0.4), (1.5, 1, 2.3))
+    )
+    file = write_mesh(tmp_path / "table.ply", table)
+    found = sample_file(file, CleaningOptions(components="all"), FEW, EmbeddingOptions(), name="a")
+    places = found.dense_positions * found.scale + found.offset
+    gaps, nearest = cKDTree(places).query(table.vertices)
+    outside = [*range(8), 8, 10, 12, 14]  # the leg's other four touch the board
+    np.testing.assert_allclose(gaps[outside], 0.0, atol=1e-6)
+    assert sorted(nearest[outside].tolist()) == [*range(12)]
+    assert (gaps[16:] > 0.1).all()
 
 
 def test_samples_of_a_mesh_of_few_vertices_lie_between_them(tmp_path):

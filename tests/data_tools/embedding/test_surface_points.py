@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
-from scipy.spatial import Delaunay, cKDTree
+from scipy.spatial import cKDTree
 
 from data_tools.datasets.synthetic_shapes import blob, crown, sphere_mesh
 from data_tools.embedding.surface_points import (
     centre_and_radius,
     cloud_rim,
-    lines_that_saw,
     plane_normals,
     spread_over_triangles,
     spread_points,
@@ -201,17 +200,3 @@ def test_hollow_images_show_a_scene_and_bulging_ones_a_thing():
     assert not shows_scene([room, thing, thing])
     assert not shows_scene([thing] * 3)
     assert not shows_scene([])
-
-
-def test_a_mesh_that_faces_two_ways_was_seen_from_no_direction():
-    x, y = (axis.ravel() for axis in np.meshgrid(np.linspace(0, 2, 21), np.linspace(0, 1, 11)))
-    front = np.stack([x, y, 0.2 * np.sin(2 * x)], axis=1)
-    faces = Delaunay(front[:, :2]).simplices
-    both = np.concatenate([front, front - [0, 0, 0.1]])
-    one_side = np.concatenate([faces, faces + len(front)])
-    two_sides = np.concatenate([faces, faces[:, ::-1] + len(front)])
-    assert len(lines_that_saw(Shape.from_arrays(front, faces)))
-    assert len(lines_that_saw(Shape.from_arrays(both, one_side)))
-    assert not len(lines_that_saw(Shape.from_arrays(both, two_sides)))
-    unknown = np.concatenate([two_sides, faces])  # triangles that lie on others the wrong way round
-    assert len(lines_that_saw(Shape.from_arrays(both, unknown)))

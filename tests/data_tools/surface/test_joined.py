@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from data_tools.rotations import random_rotation
-from data_tools.surface.joined import NUM_CELLS, _points_on, joined_surface
+from data_tools.surface.joined import _points_on, cell_size, joined_surface
 from data_tools.surface.shape import Shape, orientation_defects
 from data_tools.surface.topology import boundary_edges, mesh_components
 
@@ -29,10 +29,6 @@ def volume(mesh):
     return np.linalg.det(mesh.vertices[mesh.faces]).sum() / 6.0
 
 
-def cell_of(mesh):
-    return np.linalg.norm(np.ptp(mesh.vertices, axis=0)) / NUM_CELLS
-
-
 def num_components(mesh):
     return mesh_components(len(mesh.vertices), mesh.faces)[0]
 
@@ -47,12 +43,12 @@ def test_boxes_that_touch_become_one_closed_surface(seed):
     assert len(boundary_edges(found.faces)) == 0
     assert orientation_defects(found) == 0.0
     assert volume(found) > 0.0
-    cell = cell_of(table)
+    cell = cell_size(table)
     far = cKDTree(found.vertices).query(_points_on(table.vertices[table.faces], cell))[0]
     assert far.max() < 2.5 * cell
 
 
 @pytest.mark.parametrize(("gap", "num"), [(1.0, 1), (8.0, 2)])
 def test_gaps_of_a_cell_are_closed_and_wide_ones_stay(gap, num):
-    cell = cell_of(boxes((1, (0, 0, 0)), (1, (1.05, 0, 0))))
+    cell = cell_size(boxes((1, (0, 0, 0)), (1, (1.05, 0, 0))))
     assert num_components(joined_surface(boxes((1, (0, 0, 0)), (1, (1 + gap * cell, 0, 0))))) == num
