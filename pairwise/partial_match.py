@@ -158,12 +158,12 @@ def describe_both(
 ) -> tuple[LocalSurface, LocalSurface]:
     """Return the neighbourhoods of a target and of a source, scaled by a factor, in cells of one size.
 
-    Points lie one cell apart, or less densely where a surface has not so many: cells are so small that even a small
-    source has enough of them.
+    Points lie one cell apart, or less densely where a surface has not so many: cells are so small that even the
+    smaller one has enough of them.
     """
-    cell = max(PART_CELL * target.radius, float(target.gaps[-1]), scale * float(source.gaps[-1]))
-    few = min(TUNED.least_described, len(source.gaps))
-    cell = min(cell, scale * float(source.gaps[few - 1]))
+    gaps = target.gaps, scale * source.gaps
+    cell = max(PART_CELL * target.radius, *(float(one[-1]) for one in gaps))
+    cell = min(cell, *(float(one[: TUNED.least_described][-1]) for one in gaps))
     return target.described(cell), source.described(cell, scale)
 
 

@@ -12,8 +12,8 @@ from data_tools.partial_surface import GRID_CELLS, GRID_MARGIN, PartialSurface
 from data_tools.poses import Similarity
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
-from pairwise.partial_counterparts import counterparts
-from pairwise.partial_match import match_partial, refine, scales_allowed
+from pairwise.partial_counterparts import TUNED, counterparts
+from pairwise.partial_match import describe_both, match_partial, refine, scales_allowed
 
 NUM = 400
 
@@ -39,6 +39,12 @@ def moved(shape, turn, scale, shift):
 @pytest.fixture(scope="module")
 def whole():
     return blob(np.random.default_rng(5), num_vertices=1200)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 0.5, 1.0, 1e3])
+def test_neighbourhoods_are_described_at_any_size(whole, scale):
+    for points in describe_both(surface(whole), surface(whole), scale):
+        assert len(points.points) >= TUNED.least_described
 
 
 @pytest.mark.parametrize("group", ["SO", "O"])

@@ -87,7 +87,7 @@ def match_parts(
 
 
 #: Matches a pair in part. The version changes whenever the same surfaces would give other poses.
-MATCHING_PARTS = Job(kind="evidence", version="parts-2", run=match_parts, reader=PartPoses)
+MATCHING_PARTS = Job(kind="evidence", version="parts-3", run=match_parts, reader=PartPoses)
 
 
 def align_parts(

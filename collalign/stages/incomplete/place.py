@@ -74,11 +74,20 @@ def place_shape(
         ).transform
         for target, size in zip(targets, asked, strict=False)
     ]
-    centred = np.eye(4)[None]  # where nothing is proposed
-    centred[0, :3, 3] = targets[0].centre - source.centre
-    proposed = Similarity.of_transforms(np.concatenate(found) if any(map(len, found)) else centred)
+    if not any(map(len, found)):
+        found = [_centred(targets[0], source, sizes)]
+    proposed = Similarity.of_transforms(np.concatenate(found))
     poses = settle(targets, source, proposed, sizes=sizes, fixed=fixed)
     return pose_record(targets, source, poses)
+
+
+def _centred(target: PartialSurface, source: PartialSurface, sizes: Sizes | None) -> FloatArray:
+    """Return the transform (1, 4, 4) of a source to the centre and, within sizes, the radius of a target."""
+    ratio = target.radius / source.radius
+    scale = ratio if sizes is None else float(np.clip(ratio, *sizes))
+    centred = np.diag([scale, scale, scale, 1.0])
+    centred[:3, 3] = target.centre - scale * source.centre
+    return centred[None]
 
 
 @one_blas_thread()

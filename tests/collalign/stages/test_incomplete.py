@@ -165,6 +165,10 @@ def test_points_that_tell_nothing_are_placed_in_the_middle_in_doubt(planted):
     assert len(found["rotations"]) == 1
     assert np.isnan(found["mismatch"])
     assert is_unlike(found["mismatch"], 1.0, -0.2)
+    in_micrometres = replace(few, points=1000.0 * few.points)
+    found = place_shape(in_micrometres, (other,), np.eye(4)[None], "SO", True)
+    radius = np.cbrt(np.linalg.det(found["transforms"][0, :3, :3])) * in_micrometres.radius
+    assert 0.2 < radius / other.radius < 5.0
 
 
 def test_missing_regions_have_no_labels(aligned):
