@@ -23,6 +23,9 @@ from pairwise.features.overlap import LocalPoses, match_overlapping
 
 #: Cells are powers of two to this share, so that a shape more does not change that of all others.
 _STEPS_AN_OCTAVE = 4
+#: Points that a scan is described by, at most. A scan of the median size has some 2000, so that this one is nearly
+#: four times as large. The table of the descriptors of two such takes 3.6 GB.
+MOST_DESCRIBED = 30_000
 #: Poses that a pair keeps.
 NUM_CANDIDATES = 6
 
@@ -40,7 +43,7 @@ def describe_file(
     Raises
     ------
     InputError
-        If the surface has too few points.
+        If the surface has too few points, or is far larger than the others.
     """
     shape = read_shape(path, cleaning, name=name, digest=digest)
     if cleaning.components != "all" and not shape.is_mesh:
@@ -48,6 +51,11 @@ def describe_file(
     found = surface_cells(shape, cell, of_scene=of_scene)
     if found is None:
         raise InputError(f"{name}: too few points to describe neighbourhoods of {cell:.3g}")
+    if (num := len(found.points)) > MOST_DESCRIBED:
+        raise InputError(
+            f"{name}: it is far larger than most scans, with {num} points {cell:.3g} apart, more than "
+            f"{MOST_DESCRIBED}; are all files in the same unit?"
+        )
     return found
 
 
