@@ -114,7 +114,7 @@ class WorkingSurface:
     def corners(self, num: int) -> tuple[IntArray, IntArray]:
         """Return given vertices (m,) that a joined surface goes around, and its vertices beside these (m,).
 
-        At most ``num`` at different places, the farthest from each other.
+        At most ``num`` at different places, each the farthest from those before.
         """
         used = _used(self._given)
         used = used[np.unique(self._given.vertices[used], axis=0, return_index=True)[1]]
@@ -122,9 +122,10 @@ class WorkingSurface:
         around = SurfaceLocator(self.shape.vertices, self.shape.faces).closest(given)
         gaps = np.linalg.norm(around.on(self.shape.vertices) - given, axis=1)
         near = np.flatnonzero(gaps <= OUTSIDE_CELLS * cell_size(self._given))
-        outside = Shape.from_arrays(given[near], name=self._given.name)
-        chosen = near[farthest_points(outside, min(num, len(near)), metric="euclidean")]
-        return used[chosen], around.nearest[chosen]
+        if len(near):
+            outside = Shape.from_arrays(given[near], name=self._given.name)
+            near = near[farthest_points(outside, min(num, len(near)), metric="euclidean")]
+        return used[near], around.nearest[near]
 
     def normals(self, chosen: IntArray) -> FloatArray:
         """Return the outward normals at vertices (k,) of the copy, (k, 3); (0, 3) where the shape has no sides."""

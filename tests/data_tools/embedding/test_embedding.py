@@ -6,6 +6,7 @@ from scipy.spatial import cKDTree
 
 from data_tools.datasets.synthetic import mirrored, point_cloud, shuffled
 from data_tools.datasets.synthetic_shapes import blob, crown, sphere_mesh
+from data_tools.embedding import working_surface
 from data_tools.embedding.embedding import Samples, sample_file, sample_shape
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import InputError
@@ -165,7 +166,9 @@ def test_samples_of_joined_components_lie_between_their_few_vertices(tmp_path):
     assert (found.dense_normals[on_top, 2] > 0.9).all()
 
 
-def test_dense_samples_of_joined_components_begin_with_their_vertices_outside(tmp_path):
+def test_dense_samples_of_joined_components_begin_with_their_vertices_outside(
+    tmp_path, monkeypatch
+):
     """A drawer lies inside a table's board; its other vertices are where no sampling would put a point."""
     table = boxes(
         ((4, 3, 1), (0, 0, 2)), ((0.6, 0.6, 2), (1.7, 1.2, 0)), ((1, 1, 0.4), (1.5, 1, 2.3))
@@ -178,6 +181,9 @@ def test_dense_samples_of_joined_components_begin_with_their_vertices_outside(tm
     np.testing.assert_allclose(gaps[outside], 0.0, atol=1e-6)
     assert sorted(nearest[outside].tolist()) == [*range(12)]
     assert (gaps[16:] > 0.1).all()
+    monkeypatch.setattr(working_surface, "OUTSIDE_CELLS", 0.0)  # as if all lay inside
+    found = sample_file(file, CleaningOptions(components="all"), FEW, EmbeddingOptions(), name="a")
+    assert len(found.dense_positions) == len(found.dense_normals) == 60
 
 
 def test_samples_of_a_mesh_of_few_vertices_lie_between_them(tmp_path):
