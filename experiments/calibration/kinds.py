@@ -18,7 +18,7 @@ from collalign.options import AlignOptions
 from collalign.stages.kinds.find import least_mismatches, likely_kin
 from collalign.stages.kinds.grouping import FEWEST_OF_KIND, Groups
 from collalign.stages.kinds.plan import read_all_kinds
-from collalign.stages.kinds.pose_free import kind_descriptors
+from collalign.stages.kinds.pose_free import are_described, kind_descriptors
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.io.objects import list_shapes
 from experiments.calibration.scan import Calibration, Finding, constants_of
@@ -145,10 +145,9 @@ def folder_comparisons(data: Path, collection: str) -> Comparisons:
         with Session.open(AlignOptions(), RunOptions(jobs=1, store=STORE), None) as session:
             listing = list_shapes(folder, recursive=collection in MIXTURES)
             session, shapes = read_all_kinds(session, listing, {})
-            descriptors = kind_descriptors(shapes.samples)
-            if descriptors is None:
+            if not are_described(shapes.samples).all():
                 return Comparisons(evidence=np.zeros((0, 3)), differ=np.zeros(0, dtype=bool))
-            distances = descriptors.distances()
+            distances = kind_descriptors(shapes.samples).distances()
             free = kind_model.kin_log_odds(*distances)
             least = least_mismatches(session, shapes, likely_kin(free, NUM_NEAR), "O")
     log_odds = np.minimum(free, 0.0)

@@ -6,11 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from collalign.confidence.kind_model import LEAST_FREE_SPLIT, kin_log_odds, part_log_odds
 from collalign.options import AlignSession
 from collalign.products.shapes import Shapes
-from collalign.stages.choose_pairs import normalised
+from collalign.stages.choose_pairs import normalised, shape_descriptor
 from collalign.stages.incomplete.parts import match_pairs_in_part
 from collalign.stages.incomplete.posed_points import prepare_points
 from collalign.stages.incomplete.scans import were_seen
@@ -20,7 +21,7 @@ from collalign.stages.kinds.grouping import (
     group_into,
     group_shapes,
 )
-from collalign.stages.kinds.pose_free import kind_descriptors
+from collalign.stages.kinds.pose_free import are_described, kind_descriptors
 from collalign.stages.match_pairs import pairs_that_match
 from collalign.stages.steps import with_decided_group
 from data_tools.arrays import BoolArray, FloatArray, IntArray
@@ -63,7 +64,8 @@ def find_kinds(
 
     Pairs are matched only where kinds are likely. Mirror images are of one kind: before two kinds are told apart, the
     nearest of their pairs are matched with reflections as well, unless ``options.group`` forbids these. Images of one
-    side each, such as depth images, show different parts of things: overlaps tell which belong together.
+    side each, such as depth images, show different parts of things: overlaps tell which belong together. Shapes of
+    few points have the kind of the most similar one.
 
     Parameters
     ----------
@@ -77,7 +79,7 @@ def find_kinds(
     Raises
     ------
     OptionsError
-        If more kinds are asked for than there are shapes, or shapes of so few points are to be split.
+        If more kinds are asked for than there are shapes, or shapes of enough points.
     """
     if num > len(shapes.names):
         raise OptionsError(
@@ -85,15 +87,23 @@ def find_kinds(
         )
     if not num and known is None and were_seen(shapes):
         return None
-    descriptors = kind_descriptors(shapes.samples)
-    if descriptors is None:
+    told = np.flatnonzero(are_described(shapes.samples))
+    if len(told) < max(num, 2):
         if num:
             raise OptionsError(
-                "clusters: kinds cannot be told apart, because some shapes have too few points; say them with "
-                "--kinds-by"
+                f"clusters: {num} kinds cannot be told apart, because {len(shapes.names) - len(told)} shapes have "
+                "too few points; say the kinds with --kinds-by"
             )
         return None
-    distances = descriptors.distances()
+    if len(told) < len(shapes.names):
+        found_told = find_kinds(
+            session,
+            shapes.some(told.tolist()),
+            num=num,
+            known=None if known is None else known[told],
+        )
+        return None if found_told is None else _with_others(found_told, told, shapes, known)
+    distances = kind_descriptors(shapes.samples).distances()
     free = kin_log_odds(*distances)
     if not num:
         first = group_shapes(free, known=known, least_split=LEAST_FREE_SPLIT)
@@ -118,11 +128,43 @@ def find_kinds(
     return FoundKinds(labels=found.labels, confidence=found.confidence, log_odds=log_odds)
 
 
+def _with_others(
+    found: FoundKinds, told: IntArray, shapes: Shapes, known: IntArray | None
+) -> FoundKinds:
+    """Return kinds of all shapes from those that some (n,) have: others are of the kind of the most similar one.
+
+    Those of a known kind stay with its shapes.
+    """
+    descriptors = np.stack([shape_descriptor(one) for one in shapes.samples])
+    distances = cdist(descriptors, descriptors[told])
+    if known is not None:
+        is_own = (known[:, None] == known[told]) & (known[:, None] >= 0)
+        distances[~is_own & is_own.any(axis=1, keepdims=True)] = np.inf
+    labels = found.labels[distances.argmin(axis=1)]
+    labels[told] = found.labels
+    order = np.argsort(np.unique(labels, return_index=True)[1])
+    return FoundKinds(
+        labels=np.argsort(order)[labels],
+        confidence=found.confidence[order],
+        log_odds=_among_all(found.log_odds, told, len(labels)),
+    )
+
+
 def alikeness(shapes: Shapes) -> FloatArray:
-    """Return how alike any two shapes are by what no pose changes, shape (N, N); 0 where that is not known."""
-    descriptors = kind_descriptors(shapes.samples)
+    """Return how alike any two shapes are by what no pose changes, shape (N, N); of those of few points least."""
+    told = np.flatnonzero(are_described(shapes.samples))
     num = len(shapes.names)
-    return np.zeros((num, num)) if descriptors is None else kin_log_odds(*descriptors.distances())
+    if not len(told):
+        return np.zeros((num, num))
+    of_told = kind_descriptors([shapes.samples[i] for i in told]).distances()
+    return _among_all(kin_log_odds(*of_told), told, num)
+
+
+def _among_all(log_odds: FloatArray, told: IntArray, num: int) -> FloatArray:
+    """Return log-odds of some shapes (n, n) among those of all, shape (num, num), which are the least of these."""
+    every = np.full((num, num), log_odds.min())
+    every[np.ix_(told, told)] = log_odds
+    return every
 
 
 def _is_mixed(found: Grouping) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from collalign.stages.choose_pairs import shape_descriptor
-from data_tools.arrays import FloatArray
+from data_tools.arrays import BoolArray, FloatArray
 from data_tools.embedding.embedding import Samples
 from data_tools.local_surface import LocalSurface
 
@@ -37,11 +37,14 @@ class KindDescriptors:
         return cdist(self.shells, self.shells), cdist(self.descriptors, self.descriptors)
 
 
-def kind_descriptors(samples: Sequence[Samples]) -> KindDescriptors | None:
-    """Describe every shape; None where the neighbourhoods of some are not known, as of sets of few points."""
-    surfaces = [one.local for one in samples if one.local is not None and not one.is_poor]
-    if len(surfaces) < len(samples):
-        return None
+def are_described(samples: Sequence[Samples]) -> BoolArray:
+    """Return of which shapes neighbourhoods are known, shape (N,); of sets of few points they are not."""
+    return np.array([one.local is not None and not one.is_poor for one in samples], dtype=np.bool_)
+
+
+def kind_descriptors(samples: Sequence[Samples]) -> KindDescriptors:
+    """Describe shapes, whose neighbourhoods are known."""
+    surfaces = [one.local for one in samples if one.local is not None]
     return KindDescriptors(
         shells=np.stack([shell_means(surface) for surface in surfaces]),
         descriptors=np.stack([shape_descriptor(one) for one in samples]),

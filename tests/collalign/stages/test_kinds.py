@@ -19,7 +19,7 @@ from collalign.stages.kinds.plan import (
     plan_kinds,
     settled_kinds,
 )
-from collalign.stages.kinds.pose_free import NUM_SHELLS, kind_descriptors, shell_means
+from collalign.stages.kinds.pose_free import NUM_SHELLS, are_described, shell_means
 from collalign.stages.shape_stage import prepare_shapes
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.objects import list_shapes
@@ -167,7 +167,8 @@ def test_descriptors_do_not_depend_on_pose_size_or_side(mixed, rng):
     of = means[shape.name]
     near = [float(np.linalg.norm(means[name] - of)) for name in ("moved", "mirrored")]
     assert 4.0 * max(near) < np.linalg.norm(means["other"] - of)
-    assert kind_descriptors([replace(one, local=None) for one in samples]) is None
+    assert are_described(samples).all()
+    assert not are_described([replace(one, local=None) for one in samples]).any()
 
 
 def test_two_kinds_are_found_and_one_is_not_split(mixed):
@@ -191,6 +192,35 @@ def test_two_kinds_are_found_and_one_is_not_split(mixed):
         assert halves.num == 2
         with pytest.raises(OptionsError, match="at most 6"):
             find_kinds(session, alone, num=7)
+
+
+def test_shapes_of_few_points_hide_no_kinds(mixed):
+    planted, kinds = mixed
+    few = {one.name for one in (planted.shapes[0], planted.shapes[-1])}
+    with Session.open(OPTIONS, RunOptions(jobs=1)) as session:
+        shapes = prepared(session, planted.shapes)
+        truth = np.array([kinds[_number_of(planted, name)] for name in shapes.names])
+        samples = tuple(
+            replace(one, local=None) if one.name in few else one for one in shapes.samples
+        )
+        with_few = replace(shapes, samples=samples)
+        found = find_kinds(session, with_few)
+        assert found is not None
+        assert as_partition(found.labels) == as_partition(truth)
+        assert found.log_odds.shape == (len(truth), len(truth))
+        firsts = np.unique(found.labels, return_index=True)[1]
+        assert (np.diff(firsts) > 0).all()
+        other = 1 - truth  # what is known counts more than what is alike
+        known = np.where(np.isin(shapes.names, sorted(few)), other, truth)
+        assert as_partition(find_kinds(session, with_few, known=known).labels) == as_partition(
+            known
+        )
+        none_left = replace(shapes, samples=tuple(replace(one, local=None) for one in samples))
+        assert find_kinds(session, none_left) is None
+        with pytest.raises(
+            OptionsError, match=r"clusters: 2 kinds .* 12 shapes have too few points"
+        ):
+            find_kinds(session, none_left, num=2)
 
 
 def test_what_is_missing_of_shapes_makes_no_kind(mixed):
