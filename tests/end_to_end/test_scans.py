@@ -21,7 +21,7 @@ from collalign.stages.shape_stage import prepare_shapes
 from data_tools.datasets.synthetic import deformed_family, range_view
 from data_tools.datasets.synthetic_shapes import blob, crown, sphere_mesh
 from data_tools.embedding import surface_points
-from data_tools.errors import InputError, OptionsError
+from data_tools.errors import CollectionError, InputError, OptionsError
 from data_tools.io.objects import list_shapes
 from data_tools.io.shapes import write_mesh
 from data_tools.options import CleaningOptions, SamplingOptions
@@ -76,6 +76,20 @@ def test_scans_are_recognised_and_posed_by_default(by_default, views):
     assert [one.shape for one in by_default.incomplete] == [*range(NUM)]
     assert all(one.reason == "scan" for one in by_default.incomplete)
     assert "all-incomplete" in codes(by_default.notes)
+
+
+@pytest.mark.parametrize("first", [False, True])
+def test_a_cloud_of_few_points_hides_no_scans(views, by_default, aligned, first):
+    few = {"few": views[0]["view3"][:18]}
+    found = aligned({**few, **views[0]} if first else {**views[0], **few})
+    scans = [found.names.index(name) for name in by_default.names]
+    assert angles_deg(found.rotations[scans] @ views[1])[0].max() < 2.0
+    np.testing.assert_array_equal(found.confidence[scans], by_default.confidence)
+    assert found.confidence[found.names.index("few")] == 0.0
+    assert sorted(np.bincount(found.part_numbers).tolist()) == [1, NUM]
+    assert "unjoined-scans" in codes(found.notes)
+    with pytest.raises(CollectionError, match="few: too few points to describe"):
+        aligned({**views[0], **few}, incomplete="all")
 
 
 def test_scans_overlap_with_their_neighbours_and_sizes_stay(by_default):

@@ -102,24 +102,28 @@ class JoinedScans:
 
 @one_blas_thread()
 def join_scans(
-    surfaces: Sequence[LocalSurface],
+    surfaces: Mapping[int, LocalSurface],
     overlaps: Overlaps,
     log_odds: Mapping[tuple[int, int], FloatArray],
+    *,
+    num: int,
 ) -> JoinedScans:
     """Join shapes by the pairs that overlap.
 
     Parameters
     ----------
-    surfaces : sequence of LocalSurface
-        In one unit of length, with one cell.
+    surfaces : mapping of int to LocalSurface
+        In one unit of length, with one cell; nothing joins shapes that are not among these.
     overlaps : mapping of (int, int) to LocalPoses
         What pairs i < j share.
     log_odds : mapping of (int, int) to ndarray, shape (p,)
         Of each of their poses against that none of the pair is right.
+    num : int
+        N, of all shapes.
     """
     chances = {pair: chances_of(odds) for pair, odds in log_odds.items()}
-    transforms, block = np.tile(np.eye(4), (len(surfaces), 1, 1)), np.arange(len(surfaces))
-    num_before = len(surfaces) + 1
+    transforms, block = np.tile(np.eye(4), (num, 1, 1)), np.arange(num)
+    num_before = num + 1
     agreeing: Overlaps = {}
     # Poses that were not refined yet may seem to contradict what was seen.
     while 1 < (num_blocks := len(np.unique(block))) < num_before:
@@ -134,12 +138,12 @@ def join_scans(
         kept[i, j] = evaluate_poses(
             surfaces[i], surfaces[j], relative[None, :3, :3], relative[None, :3, 3]
         )
-    graph = _held_together(len(surfaces), kept)
+    graph = _held_together(num, kept)
     parts = sorted(
         (np.array(sorted(part)) for part in nx.connected_components(graph)),
         key=lambda p: (-len(p), p[0]),
     )
-    confidence = _confidence(len(surfaces), cuts, parts)
+    confidence = _confidence(num, cuts, parts)
     return JoinedScans(
         transforms=transforms,
         confidence=confidence,
@@ -152,7 +156,7 @@ def join_scans(
 
 
 def _joined(
-    surfaces: Sequence[LocalSurface],
+    surfaces: Mapping[int, LocalSurface],
     overlaps: Overlaps,
     chances: Chances,
     transforms: FloatArray,
@@ -186,7 +190,7 @@ def _joined(
 
 
 def _best_place(
-    surfaces: Sequence[LocalSurface],
+    surfaces: Mapping[int, LocalSurface],
     proposed: Mapping[tuple[int, int], tuple[LocalPoses, FloatArray]],
     transforms: FloatArray,
     others: IntArray,
@@ -199,7 +203,7 @@ def _best_place(
     asked = _moves(proposed, transforms, {*members.tolist()}, {*others.tolist()})
     middle = _middle(surfaces, transforms, members)
     best = (0.0, np.eye(4))
-    for weight, move in _places(asked, middle, surfaces[0].cell):
+    for weight, move in _places(asked, middle, _cell(surfaces)):
         enough = max(best[0], _weight(JOINING_CHANCE))
         if weight < enough:
             break
@@ -212,7 +216,10 @@ def _best_place(
 
 
 def _agreeing(
-    surfaces: Sequence[LocalSurface], overlaps: Overlaps, chances: Chances, transforms: FloatArray
+    surfaces: Mapping[int, LocalSurface],
+    overlaps: Overlaps,
+    chances: Chances,
+    transforms: FloatArray,
 ) -> Overlaps:
     """Return the pairs whose likeliest pose is probable and agrees with the common poses, with this pose."""
     found = {}
@@ -226,12 +233,14 @@ def _agreeing(
 
 
 def _refined(
-    surfaces: Sequence[LocalSurface], pairs: Sequence[tuple[int, int]], transforms: FloatArray
+    surfaces: Mapping[int, LocalSurface], pairs: Sequence[tuple[int, int]], transforms: FloatArray
 ) -> FloatArray:
     """Refine all poses together: points to planes over all pairs that overlap, trimmed, Gauss-Newton."""
-    rotations, shifts, cell = transforms[:, :3, :3], transforms[:, :3, 3], surfaces[0].cell
-    num = len(surfaces)
-    samples = [slice(None, None, -(-len(one.points) // JOINT_POINTS)) for one in surfaces]
+    rotations, shifts, cell = transforms[:, :3, :3], transforms[:, :3, 3], _cell(surfaces)
+    num = len(transforms)
+    samples = {
+        i: slice(None, None, -(-len(one.points) // JOINT_POINTS)) for i, one in surfaces.items()
+    }
     for cutoff in JOINT_STEPS if pairs else ():
         moments, slopes = np.zeros((num, 6, num, 6)), np.zeros((num, 6))
         for pair in pairs:
@@ -281,7 +290,7 @@ def _plane_rows(
 
 
 def weak_cuts(
-    surfaces: Sequence[LocalSurface],
+    surfaces: Mapping[int, LocalSurface],
     overlaps: Overlaps,
     chances: Chances,
     agreeing: Overlaps,
@@ -291,7 +300,7 @@ def weak_cuts(
 
     Transforms have shape (N, 4, 4).
     """
-    num, cell = len(surfaces), surfaces[0].cell
+    num, cell = len(transforms), _cell(surfaces)
     graph = _held_together(num, agreeing)
     for i, j in agreeing:
         same = _same_poses(overlaps[i, j], transforms[i], transforms[j], surfaces[j])
@@ -335,7 +344,7 @@ def weak_cuts(
 
 
 def _contradictions(
-    surfaces: Sequence[LocalSurface],
+    surfaces: Mapping[int, LocalSurface],
     transforms: FloatArray,
     members: IntArray,
     others: IntArray,
@@ -384,8 +393,12 @@ def _weight(chance: float) -> float:
     return -float(np.log1p(-min(chance, MOST_CERTAIN)))
 
 
+def _cell(surfaces: Mapping[int, LocalSurface]) -> float:
+    return next(iter(surfaces.values())).cell
+
+
 def _middle(
-    surfaces: Sequence[LocalSurface], transforms: FloatArray, members: IntArray
+    surfaces: Mapping[int, LocalSurface], transforms: FloatArray, members: IntArray
 ) -> FloatArray:
     """Return the middle (3,) of some shapes."""
     return np.mean(

@@ -63,8 +63,8 @@ LEAST_WIDER = 0.6
 OVERLAP_ALONE = 0.67
 #: Why shapes count as incomplete that nobody called so.
 SCAN = "scan"
-#: Scans that are joined: all pairs of them are matched.
-MOST_SCANS = 200
+#: Scans that are joined: all pairs of them are matched. Fewer are no scans unless somebody says so.
+FEWEST_SCANS, MOST_SCANS = 3, 200
 
 
 def were_seen(shapes: Shapes) -> bool:
@@ -82,7 +82,7 @@ def match_badly(shapes: Shapes, pairs: Sequence[Pair]) -> bool:
 def _are_open(shapes: Shapes) -> bool:
     """Return whether most of some shapes have open borders, and most enough points that tell something."""
     opened = np.mean([item.may_be_cut for item in shapes.samples])
-    if not (3 <= len(shapes.names) <= MOST_SCANS and opened > 0.5):
+    if not (FEWEST_SCANS <= len(shapes.names) <= MOST_SCANS and opened > 0.5):
         return False
     local = [item.local for item in shapes.samples if item.local is not None]
     return bool(local) and np.median([len(one.points) for one in local]) >= TUNED.least_points
@@ -120,9 +120,9 @@ def align_scans(run: Run, pairs: Sequence[Pair], reasons: Mapping[int, str]) -> 
     with run.stage("incomplete shapes"):
         cell = common_cell(shapes.samples)
         surfaces = describe_surfaces(session, shapes, range(num), cell, of_scene=is_scene)
-        if surfaces.failures:
-            if not reasons:
-                return None
+        if not reasons and len(surfaces) < max(FEWEST_SCANS, num - len(surfaces)):
+            return None
+        if reasons and surfaces.failures:
             raise CollectionError(
                 "; ".join(f"{shapes.names[i]}: {why}" for i, why in surfaces.failures.items())
             )
@@ -139,23 +139,25 @@ def align_scans(run: Run, pairs: Sequence[Pair], reasons: Mapping[int, str]) -> 
 
 def _joined(
     run: Run, surfaces: Results[int, LocalSurface]
-) -> tuple[list[LocalSurface], JoinedScans]:
+) -> tuple[dict[int, LocalSurface], JoinedScans]:
     """Return the surfaces, each on the side that it was joined on, and what overlaps join of them.
+
+    Nothing joins shapes that could not be described.
 
     The outer side of a cloud is guessed. So if most shapes are joined, clouds that are not are seen from behind as
     well, and those that are joined then stay so.
     """
     shapes, num = run.shapes, len(run.shapes.names)
 
-    def with_turned(turned: frozenset[int]) -> tuple[list[LocalSurface], JoinedScans]:
+    def with_turned(turned: frozenset[int]) -> tuple[dict[int, LocalSurface], JoinedScans]:
         overlaps = overlap_pairs(run.session, shapes, surfaces, turned)
-        sides = [surfaces[i].seen_from_behind() if i in turned else surfaces[i] for i in range(num)]
-        return sides, join_scans(sides, overlaps, log_odds_of(overlaps, run.constraints))
+        sides = {i: one.seen_from_behind() if i in turned else one for i, one in surfaces.items()}
+        return sides, join_scans(sides, overlaps, log_odds_of(overlaps, run.constraints), num=num)
 
     as_guessed = with_turned(frozenset())
     held = {*as_guessed[1].parts[0].tolist()}
-    apart = frozenset(i for i in range(num) if i not in held and not side_known(shapes, i))
-    if not apart or 2 * len(held) <= num:
+    apart = frozenset(i for i in surfaces if i not in held and not side_known(shapes, i))
+    if not apart or 2 * len(held) <= len(surfaces):
         return as_guessed
     joined = {*with_turned(apart)[1].parts[0].tolist()}
     return with_turned(apart & joined) if len(joined) > len(held) else as_guessed
@@ -175,12 +177,12 @@ def log_odds_of(overlaps: Overlaps, constraints: Constraints) -> dict[tuple[int,
     }
 
 
-def _are_images_of_scene(joined: JoinedScans, surfaces: Sequence[LocalSurface]) -> bool:
+def _are_images_of_scene(joined: JoinedScans, surfaces: Mapping[int, LocalSurface]) -> bool:
     """Return whether overlaps hold most shapes, and the middles of the joined ones do not lie together.
 
     Those of hollow shapes that are whole, such as bowls, do.
     """
-    if (joined.confidence >= JOINING_CHANCE).sum() < MOST_SURE * len(joined.confidence):
+    if (joined.confidence >= JOINING_CHANCE).sum() < MOST_SURE * len(surfaces):
         return False
     part = joined.parts[0].tolist()
     middles = [moved_by(joined.transforms[i], surfaces[i].points.mean(axis=0)) for i in part]
@@ -191,7 +193,7 @@ def _are_images_of_scene(joined: JoinedScans, surfaces: Sequence[LocalSurface]) 
 
 def _are_scans(
     joined: JoinedScans,
-    surfaces: Sequence[LocalSurface],
+    surfaces: Mapping[int, LocalSurface],
     pairs: Sequence[Pair],
     *,
     are_seen: bool,
@@ -208,7 +210,7 @@ def _are_scans(
         return True
     if is_scene:
         return _are_images_of_scene(joined, surfaces)
-    least = (MOST_SURE if is_bad else NEARLY_ALL) * len(joined.confidence)
+    least = (MOST_SURE if is_bad else NEARLY_ALL) * len(surfaces)
     if (joined.confidence[joined.parts[0]] >= DOUBT).sum() < least:
         return False
     sights = [

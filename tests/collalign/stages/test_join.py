@@ -80,7 +80,7 @@ def joined_by(surfaces, overlaps, hinted=None):
     odds = {
         pair: overlap_log_odds(poses) + hinted.get(pair, 0.0) for pair, poses in overlaps.items()
     }
-    return join_scans(surfaces, overlaps, odds)
+    return join_scans(dict(enumerate(surfaces)), overlaps, odds, num=len(surfaces))
 
 
 def ring(poses):
