@@ -9,8 +9,8 @@ from scipy.spatial import Delaunay
 
 from collalign import AlignOptions, RunOptions, align_collection
 from collalign.engine.session import Session
+from collalign.stages.incomplete import scan_pairs
 from collalign.stages.incomplete import scans as scanning
-from collalign.stages.incomplete.scan_pairs import describe_file
 from collalign.stages.incomplete.scans import (
     BADLY_MATCHED,
     match_badly,
@@ -19,15 +19,13 @@ from collalign.stages.incomplete.scans import (
 from collalign.stages.match_pairs import match_pairs
 from collalign.stages.shape_stage import prepare_shapes
 from data_tools.datasets.synthetic import deformed_family, range_view
-from data_tools.datasets.synthetic_shapes import blob, crown, sphere_mesh
+from data_tools.datasets.synthetic_shapes import blob, crown
 from data_tools.embedding import surface_points
 from data_tools.errors import CollectionError, InputError, OptionsError
 from data_tools.io.objects import list_shapes
-from data_tools.io.shapes import write_mesh
-from data_tools.options import CleaningOptions, SamplingOptions
+from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation
 from data_tools.sight import lines_that_saw
-from data_tools.surface.shape import Shape
 from tests.commands import read_json, run_command
 from tests.finished_runs import angles_deg
 from tests.notes import codes
@@ -278,9 +276,11 @@ def test_the_order_of_scans_is_told_on_the_command_line(views, tmp_path):
     assert [note["values"]["num_ordered"] for note in notes if note["code"] == "given"] == [3]
 
 
-def test_a_scan_in_another_unit_is_named(tmp_path):
-    file = write_mesh(tmp_path / "large.ply", Shape.from_arrays(*sphere_mesh(200)))
-    arguments = {"name": "large", "digest": None, "cleaning": CleaningOptions()}
-    assert len(describe_file(file, cell=0.1, of_scene=False, **arguments).points) > 500
-    with pytest.raises(InputError, match=r"large: it is far larger than most scans, .* same unit"):
-        describe_file(file, cell=0.01, of_scene=False, **arguments)
+def test_a_scan_far_larger_than_most_is_named_or_left_alone(views, aligned, monkeypatch):
+    monkeypatch.setattr(scan_pairs, "MOST_DESCRIBED", 940)  # one cloud has so many points
+    with pytest.raises(CollectionError, match=r"^view2: far larger than most scans, .* unit\?$"):
+        aligned(views[0], incomplete="all")
+    found = aligned(views[0])
+    assert np.flatnonzero(found.part_numbers).tolist() == [2]
+    others = np.arange(NUM) != 2
+    assert angles_deg(found.rotations[others] @ views[1][others])[0].max() < 2.0

@@ -43,7 +43,7 @@ def describe_file(
     Raises
     ------
     InputError
-        If the surface has too few points, or is far larger than the others.
+        If the surface has too few points.
     """
     shape = read_shape(path, cleaning, name=name, digest=digest)
     if cleaning.components != "all" and not shape.is_mesh:
@@ -51,11 +51,6 @@ def describe_file(
     found = surface_cells(shape, cell, of_scene=of_scene)
     if found is None:
         raise InputError(f"{name}: too few points to describe neighbourhoods of {cell:.3g}")
-    if (num := len(found.points)) > MOST_DESCRIBED:
-        raise InputError(
-            f"{name}: it is far larger than most scans, with {num} points {cell:.3g} apart, more than "
-            f"{MOST_DESCRIBED}; are all files in the same unit?"
-        )
     return found
 
 
@@ -100,6 +95,23 @@ def describe_surfaces(
         key = DESCRIBING.key({"cell": cell, "of_scene": of_scene}, shapes.keys[i])
         wanted[i] = Wanted(key=key, label=shapes.names[i], arguments=arguments)
     return compute_surfaces(DESCRIBING, session, shapes, wanted)
+
+
+def describe_scans(
+    session: AlignSession, shapes: Shapes, cell: float, *, of_scene: bool
+) -> Results[int, LocalSurface]:
+    """Return the described surfaces of all shapes that may overlap, by position.
+
+    Those of too few points, and those that are far larger than most, are left out.
+    """
+    found = describe_surfaces(session, shapes, range(len(shapes.names)), cell, of_scene=of_scene)
+    for i, num in [(i, len(surface.points)) for i, surface in found.items()]:
+        if num > MOST_DESCRIBED:
+            found.failures[i] = (
+                f"far larger than most scans, with {num} points {cell:.3g} apart, more than {MOST_DESCRIBED}; are "
+                "all files in the same unit?"
+            )
+    return found
 
 
 def overlap_pairs(

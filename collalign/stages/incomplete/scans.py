@@ -26,7 +26,7 @@ from collalign.stages.incomplete.join import (
 from collalign.stages.incomplete.place import nearest_labels
 from collalign.stages.incomplete.scan_pairs import (
     common_cell,
-    describe_surfaces,
+    describe_scans,
     overlap_pairs,
     side_known,
 )
@@ -119,7 +119,7 @@ def align_scans(run: Run, pairs: Sequence[Pair], reasons: Mapping[int, str]) -> 
     is_scene = shows_scene([item.local for item in shapes.samples if item.local is not None])
     with run.stage("incomplete shapes"):
         cell = common_cell(shapes.samples)
-        surfaces = describe_surfaces(session, shapes, range(num), cell, of_scene=is_scene)
+        surfaces = describe_scans(session, shapes, cell, of_scene=is_scene)
         if not reasons and len(surfaces) < max(FEWEST_SCANS, num - len(surfaces)):
             return None
         if reasons and surfaces.failures:
