@@ -50,7 +50,7 @@ def describe_file(
         shape = without_outliers(shape, fewest_points=FEWEST_OF_SCAN)
     found = surface_cells(shape, cell, of_scene=of_scene)
     if found is None:
-        raise InputError(f"{name}: too few points to describe neighbourhoods of {cell:.3g}")
+        raise InputError(f"too few points to describe neighbourhoods of {cell:.3g}")
     return found
 
 
