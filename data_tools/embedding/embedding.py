@@ -356,7 +356,7 @@ def _dense_of_joined(
 ) -> tuple[IntArray, FloatArray, FloatArray]:
     """Return dense samples as :func:`_dense`, half of them vertices of the shape, if so many are not inside.
 
-    Versions of one object have many vertices in common, but no other place that the surface around them says.
+    Versions of one object have many vertices in common. Other points of the surfaces around them differ.
     """
     corners, beside = surface.corners(num // 2)
     every = np.arange(len(surface.shape.vertices))
