@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import Annotated, Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
 from data_tools.arrays import FloatArray, Holds, as_floats, as_points, read_only
 from data_tools.errors import InputError
@@ -49,9 +49,9 @@ class SurfacePlanes:
     cell: Annotated[float, Holds(positive=True)]
 
     @cached_property
-    def tree(self) -> cKDTree:
+    def tree(self) -> scipy.spatial.cKDTree:
         """The points, for look-ups of nearest neighbours."""
-        return cKDTree(self.points)
+        return scipy.spatial.cKDTree(self.points)
 
     @cached_property
     def kept(self) -> dict[float, Any]:

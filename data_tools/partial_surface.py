@@ -7,9 +7,8 @@ from functools import cached_property
 from typing import Annotated
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
-from scipy.spatial.distance import cdist
 
 from data_tools.arrays import (
     BoolArray,
@@ -122,7 +121,7 @@ class PartialSurface:
         places = np.stack(
             np.meshgrid(*(np.arange(n) for n in sides), indexing="ij"), axis=-1
         ).reshape(-1, 3)
-        found = cKDTree(self.points).query(
+        found = scipy.spatial.cKDTree(self.points).query(
             corner + (places + 0.5) * cell, distance_upper_bound=reach + cell
         )[1]
         found = np.where(found < len(self.points), found, -1)
@@ -142,7 +141,7 @@ class PartialSurface:
     @cached_property
     def gaps(self) -> FloatArray:
         """How far each point, in the order of farthest point sampling, is from those before it, shape (l - 1,)."""
-        distances = cdist(self.points[1:], self.points)
+        distances = scipy.spatial.distance.cdist(self.points[1:], self.points)
         return np.asarray(np.where(np.tri(*distances.shape) > 0, distances, np.inf).min(axis=1))
 
     def described(self, cell: float, scale: float = 1.0) -> LocalSurface:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.rotations import half_sphere
@@ -129,7 +129,6 @@ class DepthImage:
     def _drawn(
         cls, sight: FloatArray, place: FloatArray, points: FloatArray, cell: float, pixel: float
     ) -> DepthImage:
-        from scipy.ndimage import binary_closing, maximum_filter
 
         axes = np.concatenate([np.linalg.svd(sight[None])[2][1:], sight[None]])
         x, y, depth, is_before = _projected(points, axes, place)
@@ -139,15 +138,17 @@ class DepthImage:
         heights = np.full(pixels.max(axis=0) + 1 + TUNED.beside_pixels, -np.inf)
         np.maximum.at(heights, tuple(pixels.T), depth[is_before])
         width = 2 * TUNED.beside_pixels + 1
-        is_beside = np.isneginf(maximum_filter(heights, size=width, mode="constant", cval=-np.inf))
+        is_beside = np.isneginf(
+            scipy.ndimage.maximum_filter(heights, size=width, mode="constant", cval=-np.inf)
+        )
         was_hit = np.isfinite(heights)
-        heights = maximum_filter(heights, size=3, mode="constant", cval=-np.inf)
+        heights = scipy.ndimage.maximum_filter(heights, size=3, mode="constant", cval=-np.inf)
         is_seen = np.isfinite(heights)
         if len(place):
             # The image ends at its edge: a slanted wall goes on there, nearer than all that was seen of it. Single
             # empty pixels between points belong to the image.
             around = np.ones((3, 3), dtype=np.bool_)
-            is_seen = binary_closing(np.pad(was_hit, 1), around)[1:-1, 1:-1]
+            is_seen = scipy.ndimage.binary_closing(np.pad(was_hit, 1), around)[1:-1, 1:-1]
         heights[~is_seen] = np.inf
         return cls(
             axes=axes,
@@ -209,13 +210,13 @@ def place_of_sight(points: FloatArray) -> FloatArray:
     points : ndarray, shape (n, 3)
         As they were seen.
     """
-    from scipy.optimize import least_squares
-
     none = np.empty((0, 3))
     if len(points) < TUNED.least_points:
         return none
     chosen = points[:: -(-len(points) // TUNED.most_points)]
-    distances, near = cKDTree(points).query(chosen, k=min(TUNED.num_around + 1, len(points)))
+    distances, near = scipy.spatial.cKDTree(points).query(
+        chosen, k=min(TUNED.num_around + 1, len(points))
+    )
     normals, inner = _flat_neighbourhoods(chosen, points[near], distances[:, -1])
     if len(inner) < TUNED.least_points:
         return none
@@ -231,7 +232,7 @@ def place_of_sight(points: FloatArray) -> FloatArray:
     costs = _uneven(tried[:, None], places[few], normals[few], areas[few])
     best = np.argsort(np.abs(costs).mean(axis=1), kind="stable")[: TUNED.num_refined]
     found = [
-        least_squares(
+        scipy.optimize.least_squares(
             _uneven, start, args=(places, normals, areas), loss="soft_l1", f_scale=TUNED.spread
         )
         for start in tried[best]
@@ -281,7 +282,10 @@ def lines_of_sight(points: FloatArray) -> FloatArray:
     if len(points) < TUNED.least_points:
         return np.empty((0, 3))
     points = points[:: -(-len(points) // TUNED.most_points)]
-    tree, few = cKDTree(points), slice(None, None, -(-len(points) // TUNED.most_normals))
+    tree, few = (
+        scipy.spatial.cKDTree(points),
+        slice(None, None, -(-len(points) // TUNED.most_normals)),
+    )
     directions = half_sphere(TUNED.num_directions)
     likely = _seldom_steep(_neighbourhoods(tree, points[few])[2], directions)
     if not len(likely):
@@ -329,7 +333,7 @@ def lines_that_saw(shape: Shape) -> FloatArray:
 
 
 def _neighbourhoods(
-    tree: cKDTree, points: FloatArray
+    tree: scipy.spatial.cKDTree, points: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return how far neighbourhoods of points (n, 3) of a tree reach (n,), and their planes.
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.spatial import cKDTree
 
 from data_tools.arrays import FloatArray, IntArray, as_floats, as_points, as_rotations, read_only
 from data_tools.errors import InputError
@@ -59,7 +59,7 @@ class DensePoints:
     def spacing(self) -> float:
         """Root mean square distance of a point from the nearest one at another place."""
         places = np.unique(self.points, axis=0)
-        nearest = cKDTree(places).query(places, k=2)[0][:, 1]
+        nearest = scipy.spatial.cKDTree(places).query(places, k=2)[0][:, 1]
         return float(np.sqrt((nearest**2).mean()))
 
 

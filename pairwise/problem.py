@@ -17,9 +17,8 @@ from dataclasses import dataclass, replace
 from typing import Any, TypedDict
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.sparse import coo_array, csr_array
-from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
 
 from data_tools.arrays import (
     BoolArray,
@@ -62,7 +61,9 @@ def assignment_support(allowed: BoolArray) -> tuple[BoolArray, BoolArray]:
         If no assignment fits.
     """
     n, k = allowed.shape
-    matched = maximum_bipartite_matching(csr_array(allowed), perm_type="row").astype(np.int64)
+    matched = scipy.sparse.csgraph.maximum_bipartite_matching(
+        scipy.sparse.csr_array(allowed), perm_type="row"
+    ).astype(np.int64)
     if (matched < 0).any():
         raise InputError(
             f"allowed: no assignment fits them, {int((matched < 0).sum())} points are left over"
@@ -85,8 +86,10 @@ def _residual_components(allowed: BoolArray, matched: IntArray) -> tuple[IntArra
     tails = [cols, k + matched, k + np.flatnonzero(~taken), np.full(k, free)]
     heads = [k + rows, np.arange(k), np.full(int((~taken).sum()), free), k + matched]
     tail, head = np.concatenate(tails), np.concatenate(heads)
-    graph = coo_array((np.ones(len(tail)), (tail, head)), shape=(free + 1, free + 1)).tocsr()
-    _, labels = connected_components(graph, directed=True, connection="strong")
+    graph = scipy.sparse.coo_array(
+        (np.ones(len(tail)), (tail, head)), shape=(free + 1, free + 1)
+    ).tocsr()
+    _, labels = scipy.sparse.csgraph.connected_components(graph, directed=True, connection="strong")
     return labels[:k], labels[k:free], int(labels[free])
 
 
@@ -336,7 +339,9 @@ def _check_feasible(allowed: BoolArray) -> None:
     empty = np.flatnonzero(~allowed.any(axis=0))
     if len(empty):
         raise InputError(f"allowed: source point {empty[0]} has none ({len(empty)} such points)")
-    matched: Any = maximum_bipartite_matching(csr_array(allowed), perm_type="row")
+    matched: Any = scipy.sparse.csgraph.maximum_bipartite_matching(
+        scipy.sparse.csr_array(allowed), perm_type="row"
+    )
     stuck = int((matched < 0).sum())
     if stuck:
         raise InputError(

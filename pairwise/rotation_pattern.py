@@ -9,8 +9,8 @@ from itertools import compress
 from typing import TypeAlias
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.sparse.csgraph import connected_components
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray, as_mask, read_only
 from data_tools.checks import check_choice
@@ -95,7 +95,9 @@ class RotationPattern:
         """Indices, shape (b,) each, of the finest diagonal blocks that hold the pattern; R is projected by block."""
         if self.mask.all():
             return (np.arange(self.dim),)
-        _, labels = connected_components(self.mask | self.mask.T, directed=False)
+        _, labels = scipy.sparse.csgraph.connected_components(
+            self.mask | self.mask.T, directed=False
+        )
         return tuple(np.flatnonzero(labels == c) for c in range(labels.max() + 1))
 
     @property

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import scipy
 
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.notes import Note
@@ -53,15 +54,13 @@ def compare_left_out(
     notes : list of Note
         Where the two differ.
     """
-    from scipy import stats
-
     rows, notes = list[list[object]](), list[Note]()
     for column, numbers in {"centroid size": sizes, **covariates}.items():
         known = np.isfinite(numbers)
         kept, lost = numbers[known & counted], numbers[known & ~counted]
         if not len(kept) or not len(lost):
             continue
-        p = float(stats.mannwhitneyu(kept, lost).pvalue)
+        p = float(scipy.stats.mannwhitneyu(kept, lost).pvalue)
         three = [f(one) for one in (kept, lost) for f in (np.min, np.median, np.max)]
         rows.append([column, "", len(kept), len(lost), *map(float, three), p])
         every = numbers[known]
@@ -93,7 +92,6 @@ def _of_groups(
     kinds = np.unique(groups[known])
     if len(kinds) < 2 or 2 * len(kinds) > known.sum() or not (known & ~counted).any():
         return []
-    from scipy import stats
 
     said: dict[str, tuple[int, int]] = {}
     for kind in kinds.tolist():
@@ -102,7 +100,7 @@ def _of_groups(
             [int((part & which).sum()) for which in (counted, ~counted)]
             for part in (own, known & ~own)
         ]
-        p = min(1.0, len(kinds) * float(stats.fisher_exact(table).pvalue))
+        p = min(1.0, len(kinds) * float(scipy.stats.fisher_exact(table).pvalue))
         kept, lost = table[0]
         rows.append([column, kind, kept, lost, *[""] * 6, p])
         if lost and (

@@ -11,7 +11,7 @@ from itertools import combinations
 from types import MappingProxyType
 
 import numpy as np
-from scipy.spatial.distance import pdist
+import scipy
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.checks import check_choice
@@ -213,7 +213,9 @@ def compare_groups(
     squares = ((values - (average @ values)[rows]) ** 2).sum(axis=1) * (counts / (counts - 1))[rows]
     disparities = squares[orders] @ average.T
     one, other = np.triu_indices(len(groups), 1)
-    distances = Effects.of(np.array([pdist(average @ values[order]) for order in orders]))
+    distances = Effects.of(
+        np.array([scipy.spatial.distance.pdist(average @ values[order]) for order in orders])
+    )
     differences = Effects.of(np.abs(disparities[:, one] - disparities[:, other]))
     return dict(zip(groups, disparities[0].tolist(), strict=True)), distances, differences
 
@@ -259,7 +261,7 @@ def compare_held(
         shapes,
         design,
         held,
-        lambda found: pdist(found[: len(groups)]),
+        lambda found: scipy.spatial.distance.pdist(found[: len(groups)]),
         permutations=permutations,
         seed=seed,
     )
@@ -309,7 +311,7 @@ def compare_slopes(
         shapes,
         design,
         common,
-        lambda found: pdist(found[num:]),
+        lambda found: scipy.spatial.distance.pdist(found[num:]),
         permutations=permutations,
         seed=seed,
     )

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from typing import Literal, TypeAlias
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.spatial import cKDTree
-from scipy.spatial.distance import cdist
 
 from collalign.analysis.procrustes import (
     best_rotations,
@@ -125,7 +124,7 @@ def bending_matrix(reference: FloatArray) -> FloatArray:
     num = len(reference)
     affine = np.column_stack([np.ones(num), reference])
     system = np.zeros((num + 4, num + 4))
-    system[:num, :num] = cdist(reference, reference)
+    system[:num, :num] = scipy.spatial.distance.cdist(reference, reference)
     system[:num, num:], system[num:, :num] = affine, affine.T
     return np.asarray(-np.linalg.pinv(system, hermitian=True)[:num, :num])
 
@@ -138,7 +137,7 @@ def _tangents(
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), np.finfo(float).tiny)
     chosen = np.asarray(surfaces, dtype=np.int64)
     near = (
-        cKDTree(shape).query(shape[chosen], min(_NUM_AROUND, len(shape)))[1]
+        scipy.spatial.cKDTree(shape).query(shape[chosen], min(_NUM_AROUND, len(shape)))[1]
         if len(chosen)
         else None
     )

@@ -15,7 +15,6 @@ import numpy as np
 from cyclopts import Parameter
 
 import collalign
-from collalign.align import align_listing
 from collalign.analysis.label_table import Labels, read_labels
 from collalign.cli.check import check_shapes
 from collalign.cli.own_file import read_marks, read_own
@@ -138,6 +137,8 @@ def align(
     drop
         Leave out shapes of the result in --out that are not named any more, such as those of `collalign add`.
     """
+    from collalign.align import align_listing  # what computes, which help does without
+
     every, inputs = _listed(
         folder if folder[1:] else folder[0],
         recursive=given.recursive,

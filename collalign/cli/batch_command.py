@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from collalign.batch import estimate_job, read_batch
 from collalign.cli.align_command import Given, align
 from collalign.console.interruption import INCOMPLETE
 from collalign.console.messages import add_to_summary, say, separate_summary, warn
 from collalign.console.running import Run
 from collalign.engine.run_options import RunOptions
-from collalign.stages.forecast import RunEstimate
 from data_tools.errors import CollalignError
+
+if TYPE_CHECKING:
+    from collalign.stages.forecast import RunEstimate
 
 
 def batch(
@@ -29,6 +31,8 @@ def batch(
     dry_run
         Only estimate the time of all stages, from a trial with the first shapes of each folder.
     """
+    from collalign.batch import estimate_job, read_batch  # what computes, which help does without
+
     failed, jobs = False, []
     for job in read_batch(file):
         folder = ", ".join(map(str, job.folders))

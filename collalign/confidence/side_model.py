@@ -18,9 +18,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from collalign.synchronization.spectral import synchronize_signs
 from data_tools.arrays import BoolArray, FloatArray, IntArray, as_indices, read_only
@@ -331,8 +330,10 @@ def _best_sides(pairs: IntArray, evidence: FloatArray, num_shapes: int) -> BoolA
 def _smaller_sides(mirrored: BoolArray, pairs: IntArray) -> BoolArray:
     """Return the sides, turned round in each connected part so that the smaller one is mirrored."""
     num = len(mirrored)
-    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(num, num))
-    _, part = connected_components(graph, directed=False)
+    graph = scipy.sparse.coo_matrix(
+        (np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(num, num)
+    )
+    _, part = scipy.sparse.csgraph.connected_components(graph, directed=False)
     return np.asarray(
         mirrored ^ (2 * np.bincount(part, weights=mirrored) > np.bincount(part))[part]
     )

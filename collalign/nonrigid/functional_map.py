@@ -24,8 +24,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg.lapack import dposv
-from scipy.sparse import csr_array
+import scipy
 
 from collalign.nonrigid.spectral_shape import SpectralShape
 from data_tools.arrays import FloatArray, IntArray
@@ -208,10 +207,12 @@ def fitted_map(
         gram, cross = rows.T @ rows, rows.T @ target.take(to, axis=0)
     else:
         counts = np.bincount(at, minlength=len(source))
-        pairs = csr_array((np.ones(len(at)), (at, to)), shape=(len(source), len(target)))
+        pairs = scipy.sparse.csr_array(
+            (np.ones(len(at)), (at, to)), shape=(len(source), len(target))
+        )
         gram, cross = source.T @ (source * counts[:, None]), source.T @ (pairs @ target)
     gram.flat[:: len(gram) + 1] += 1e-9 * np.trace(gram) + len(at) * cost
-    _, fitted, is_singular = dposv(gram, cross)
+    _, fitted, is_singular = scipy.linalg.lapack.dposv(gram, cross)
     if is_singular:
         raise np.linalg.LinAlgError("no point of either shape has an image")
     return np.asarray(fitted, dtype=np.float64)

@@ -15,8 +15,7 @@ from __future__ import annotations
 from functools import cache, lru_cache
 
 import numpy as np
-from scipy.sparse.csgraph import dijkstra
-from scipy.spatial import cKDTree
+import scipy
 
 from collalign.confidence.map_model import Evidence
 from collalign.nonrigid.functional_map import FunctionalMap
@@ -90,7 +89,9 @@ class _Limbs:
         agd, self.points = spectral.agd[dense], places[dense]
         centres = dense[:NUM_CENTRES][agd[:NUM_CENTRES] >= np.quantile(agd, 1.0 - END_SHARE)]
         net = edge_net(places, spectral.faces)
-        reached = dijkstra(net, directed=False, indices=centres, limit=LIMB_RADIUS)[:, dense]
+        reached = scipy.sparse.csgraph.dijkstra(
+            net, directed=False, indices=centres, limit=LIMB_RADIUS
+        )[:, dense]
         inside = np.isfinite(reached).astype(np.float64)
         self._weights = inside / inside.sum(axis=1, keepdims=True)
         self._across = self._extent_across(self.points)
@@ -210,7 +211,7 @@ def _stretch(shape: SpectralShape, images: FloatArray) -> float:
 def _neighbours(shape: SpectralShape, num: int) -> tuple[IntArray, float]:
     """Return the nearest of the first dense samples to each, and the sum of their squared distances."""
     points = shape.vertices[shape.dense[:num]]
-    distances, neighbours = cKDTree(points).query(points, NUM_NEIGHBOURS + 1)
+    distances, neighbours = scipy.spatial.cKDTree(points).query(points, NUM_NEIGHBOURS + 1)
     return neighbours[:, 1:], float((distances**2).sum())
 
 

@@ -19,8 +19,7 @@ from functools import cache
 from itertools import product
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import maximum_bipartite_matching
+import scipy
 
 from collalign.nonrigid.functional_map import (
     SMOOTHNESS,
@@ -132,7 +131,9 @@ def wave_gaps(target: SpectralShape, source: SpectralShape, source_samples: IntA
 
 
 def _signs_have_injective_map(allowed: BoolArray) -> bool:
-    matched = maximum_bipartite_matching(csr_array(allowed), perm_type="row")
+    matched = scipy.sparse.csgraph.maximum_bipartite_matching(
+        scipy.sparse.csr_array(allowed), perm_type="row"
+    )
     return bool((matched >= 0).all())
 
 

@@ -14,8 +14,7 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from scipy.spatial.distance import cdist
-from scipy.spatial.transform import Rotation
+import scipy
 
 from collalign.confidence.map_model import Evidence
 from collalign.nonrigid.functional_map import FunctionalMap, TargetRows
@@ -196,7 +195,7 @@ def axis_poses(target: PosedSurface, source: PosedSurface, *, mirrored: bool) ->
     24 rotations, and with ``mirrored`` 24 reflections as well: crude poses, but evenly spread, and the same for
     shapes in any pose.
     """
-    rotations = Rotation.create_group("O").as_matrix()
+    rotations = scipy.spatial.transform.Rotation.create_group("O").as_matrix()
     if mirrored:
         rotations = np.concatenate([rotations, -rotations])
     return np.asarray(_principal_axes(target.points) @ rotations @ _principal_axes(source.points).T)
@@ -241,7 +240,10 @@ class PoseMapper:
             )
             for one in (self.target, self.source)
         )
-        unsigned, signed = cdist(target, source, "sqeuclidean"), 4.0 * target[:, :NUM_SIGNS]
+        unsigned, signed = (
+            scipy.spatial.distance.cdist(target, source, "sqeuclidean"),
+            4.0 * target[:, :NUM_SIGNS],
+        )
 
         def gaps_of(flips: tuple[float, ...]) -> FloatArray:
             # |t + s|^2 = |t - s|^2 + 4 t s

@@ -8,8 +8,7 @@ lies beyond is wrong far more often than the rest (4 % of the points of nine map
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components, dijkstra
+import scipy
 
 from collalign.confidence.map_model import NEAR
 from collalign.nonrigid.functional_map import (
@@ -132,7 +131,7 @@ class _Net:
 
     def __init__(self, spectral: SpectralShape) -> None:
         edges, places = mesh_edges(spectral.faces), spectral.vertices / spectral.area**0.5
-        _, _, nearest = dijkstra(
+        _, _, nearest = scipy.sparse.csgraph.dijkstra(
             edge_net(places, spectral.faces),
             directed=False,
             indices=spectral.dense,
@@ -144,14 +143,16 @@ class _Net:
         pairs = np.unique(np.sort(sample[nearest[edges]], axis=1), axis=0)
         self._pairs = pairs[pairs[:, 0] < pairs[:, 1]]
         lengths, num = _lengths(places[spectral.dense], self._pairs), len(spectral.dense)
-        net = csr_array((lengths, self._pairs.T), shape=(num, num))
-        self._is_near = np.isfinite(dijkstra(net, directed=False, limit=2.0 * NEAR))
+        net = scipy.sparse.csr_array((lengths, self._pairs.T), shape=(num, num))
+        self._is_near = np.isfinite(
+            scipy.sparse.csgraph.dijkstra(net, directed=False, limit=2.0 * NEAR)
+        )
 
     def largest_piece(self, images: IntArray, other: _Net) -> BoolArray:
         """Return which samples hang together with most others in a map of them to another surface's samples."""
         pairs = self._pairs[other._is_near[tuple(images[self._pairs].T)]]
-        graph = csr_array((np.ones(len(pairs)), pairs.T), shape=(len(images),) * 2)
-        piece = connected_components(graph, directed=False)[1]
+        graph = scipy.sparse.csr_array((np.ones(len(pairs)), pairs.T), shape=(len(images),) * 2)
+        piece = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
         return np.asarray(piece == np.bincount(piece).argmax())
 
 

@@ -20,8 +20,7 @@ from dataclasses import dataclass
 from itertools import chain, combinations
 
 import numpy as np
-from scipy.sparse.csgraph import dijkstra
-from scipy.spatial import cKDTree
+import scipy
 
 from collalign.nonrigid.functional_map import SMOOTHNESS, FunctionalMap, fitted_map
 from collalign.nonrigid.map_options import TUNED, SurfaceOptions
@@ -87,7 +86,9 @@ class Region:
         if not is_target:
             of_other, of_own = of_own, of_other
         images = whole.nearest_dense[self.at[own.dense]][of_other]
-        nearest = cKDTree(own.vertices[own.dense]).query(whole.vertices[whole.dense])[1]
+        nearest = scipy.spatial.cKDTree(own.vertices[own.dense]).query(whole.vertices[whole.dense])[
+            1
+        ]
         back = of_own[nearest]
         unknown = np.full(len(back), -1)
         carried = fitted_map(
@@ -130,7 +131,7 @@ def likely_regions(whole: SpectralShape, cut: SpectralShape) -> list[BoolArray]:
         own = _Signature.of(*_small(cut))
     except InputError:  # what a cut leaves may be too poor a surface
         return []
-    copied = cKDTree(whole.vertices / whole.area**0.5).query(small[0])[1]
+    copied = scipy.spatial.cKDTree(whole.vertices / whole.area**0.5).query(small[0])[1]
     covered: list[BoolArray] = []
     gaps: list[float] = []
     chosen: list[BoolArray] = []
@@ -243,7 +244,7 @@ class _Signature:
         operators = surface_operators(Shape.from_arrays(vertices, faces))
         size = float(operators.mass.sum()) ** 0.5
         rim = np.unique(boundary_edges(faces))
-        depths = dijkstra(
+        depths = scipy.sparse.csgraph.dijkstra(
             edge_net(vertices / size, faces), directed=False, indices=rim, min_only=True
         )
         order = np.argsort(depths, kind="stable")

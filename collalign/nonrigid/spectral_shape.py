@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array, diags_array
-from scipy.spatial import cKDTree
+import scipy
 
 from collalign.nonrigid.map_options import SurfaceOptions
 from collalign.nonrigid.tips import Tips, find_tips
@@ -64,7 +63,7 @@ def smoothed_curvature(shape: Shape, operators: SurfaceOperators, *, time: float
     time : float
         Step of the flow at unit area: features larger than about sqrt(time) survive.
     """
-    mass = diags_array(operators.mass).tocsc()
+    mass = scipy.sparse.diags_array(operators.mass).tocsc()
     step = factor_symmetric((mass + (time * shape.area) * operators.stiffness).tocsc())
     positions = shape.vertices
     for _ in range(2):
@@ -99,12 +98,12 @@ def orientation_form(shape: Shape, functions: FloatArray) -> FloatArray:
     return sums * (shape.area / np.where(doubled_areas > 0, doubled_areas, 1.0))[:, None, None]
 
 
-def _around(shape: Shape) -> csr_array:
+def _around(shape: Shape) -> scipy.sparse.csr_array:
     """Return the (v, f) matrix that sums over the triangles around each vertex."""
     num_faces = len(shape.faces)
     columns = np.repeat(np.arange(num_faces), 3)
     entries = (np.ones(3 * num_faces), (shape.faces.ravel(), columns))
-    return coo_array(entries, shape=(len(shape.vertices), num_faces)).tocsr()
+    return scipy.sparse.coo_array(entries, shape=(len(shape.vertices), num_faces)).tocsr()
 
 
 #: Energies of the wave kernel signature.
@@ -187,7 +186,7 @@ class SpectralShape:
     @property
     def nearest_dense(self) -> IntArray:
         """Position in ``dense`` of the sample nearest to each working vertex, shape (w,)."""
-        return np.asarray(cKDTree(self.vertices[self.dense]).query(self.vertices)[1])
+        return np.asarray(scipy.spatial.cKDTree(self.vertices[self.dense]).query(self.vertices)[1])
 
     @property
     def working_shape(self) -> Shape:
@@ -283,7 +282,7 @@ def prepare_surface(shape: Shape, options: SurfaceOptions | None = None) -> Spec
 def _matched_part(shape: Shape) -> tuple[Shape, IntArray, tuple[Note, ...]]:
     """Return the component of the largest area, the shape's vertices that lie at its vertices, and notes."""
     part = clean(shape)
-    kept = np.flatnonzero(cKDTree(part.vertices).query(shape.vertices)[0] == 0.0)
+    kept = np.flatnonzero(scipy.spatial.cKDTree(part.vertices).query(shape.vertices)[0] == 0.0)
     total = shape.file_size or len(shape.vertices)
     num = total - len(kept)
     lost = (Note("outside-component", values={"num": num, "total": total}),) if num else ()
@@ -294,7 +293,7 @@ def _places(points: FloatArray, vertices: FloatArray) -> SurfacePoints:
     """Return the places closest to points on the triangles of the three vertices nearest to each."""
     from data_tools.surface.triangle_tree import closest_on_triangles
 
-    corners = cKDTree(vertices).query(points, 3)[1]
+    corners = scipy.spatial.cKDTree(vertices).query(points, 3)[1]
     return SurfacePoints(corners=corners, weights=closest_on_triangles(points, vertices[corners]))
 
 

@@ -21,8 +21,7 @@ from dataclasses import dataclass
 from itertools import permutations
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import dijkstra
+import scipy
 
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.surface.shape import Shape
@@ -77,18 +76,20 @@ def find_tips(shape: Shape, agd: FloatArray, area: float) -> Tips:
     persistence = _persistence(net, agd)
     order = np.argsort(-persistence, kind="stable")[:MAX_TIPS]
     tips = order[persistence[order] >= LEAST_PERSISTENCE]
-    return Tips(read_only(tips), read_only(dijkstra(net, directed=False, indices=tips)))
+    return Tips(
+        read_only(tips), read_only(scipy.sparse.csgraph.dijkstra(net, directed=False, indices=tips))
+    )
 
 
-def edge_net(places: FloatArray, faces: IntArray) -> csr_array:
+def edge_net(places: FloatArray, faces: IntArray) -> scipy.sparse.csr_array:
     """Return the lengths of a mesh's edges, either way, as a sparse matrix (w, w)."""
     edges = mesh_edges(faces)
     lengths = np.linalg.norm(places[edges[:, 0]] - places[edges[:, 1]], axis=1)
     both = np.concatenate([edges, edges[:, ::-1]])
-    return csr_array((np.tile(lengths, 2), both.T), shape=(len(places),) * 2)
+    return scipy.sparse.csr_array((np.tile(lengths, 2), both.T), shape=(len(places),) * 2)
 
 
-def _persistence(net: csr_array, heights: FloatArray) -> FloatArray:
+def _persistence(net: scipy.sparse.csr_array, heights: FloatArray) -> FloatArray:
     """Return by how much each vertex rises above where its peak meets a higher one, shape (w,); 0 for no peak."""
     parent = np.full(len(heights), -1)
     found = np.zeros(len(heights))

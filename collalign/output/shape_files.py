@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from collalign.engine.job import run_task
 from collalign.engine.run_jobs import run_jobs
@@ -50,7 +50,9 @@ def write_shape(
     vertices, faces = display_mesh(shape.vertices, shape.faces, max_faces=max_faces)
     places = np.empty((0, 4), dtype=np.uint8)
     if colours is not None:
-        colours = at_vertices(colours, shape)[cKDTree(shape.vertices).query(vertices)[1]]
+        colours = at_vertices(colours, shape)[
+            scipy.spatial.cKDTree(shape.vertices).query(vertices)[1]
+        ]
         places = np.round(255.0 * colours).astype(np.uint8)
     return vertices, faces, places
 

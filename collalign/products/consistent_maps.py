@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Annotated
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from data_tools.arrays import FloatArray, Holds, IntArray, one_line
 from data_tools.errors import UnknownName
@@ -109,11 +109,12 @@ class VertexMaps:
         return found
 
     @cached_property
-    def _trees(self) -> tuple[tuple[cKDTree, IntArray], ...]:
+    def _trees(self) -> tuple[tuple[scipy.spatial.cKDTree, IntArray], ...]:
         """Of each shape the tree of its places, and the vertices that have them."""
         known = [np.flatnonzero(np.isfinite(own).all(axis=1)) for own in self.places]
         return tuple(
-            (cKDTree(own[rows]), rows) for own, rows in zip(self.places, known, strict=True)
+            (scipy.spatial.cKDTree(own[rows]), rows)
+            for own, rows in zip(self.places, known, strict=True)
         )
 
     __repr__ = one_line

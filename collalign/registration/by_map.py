@@ -7,8 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from scipy.sparse import coo_array, csc_array, csr_array, diags_array
-from scipy.spatial import cKDTree
+import scipy
 
 from collalign.registration.surface import TUNED
 from data_tools.arrays import BoolArray, FloatArray, IntArray
@@ -68,15 +67,17 @@ class ArapSolver:
 
     def __init__(self, rest: Shape) -> None:
         operators = surface_operators(rest)
-        off = coo_array(operators.stiffness)
+        off = scipy.sparse.coo_array(operators.stiffness)
         kept = (off.row != off.col) & (off.data < 0)
         ends, shape = (off.row[kept], off.col[kept]), off.shape
-        self._weights = csr_array((-off.data[kept], ends), shape=shape)
+        self._weights = scipy.sparse.csr_array((-off.data[kept], ends), shape=shape)
         self._total = np.asarray(self._weights.sum(axis=1)).ravel()
         self._rest = rest.vertices - rest.vertices.mean(axis=0)
         self.radius = float(np.sqrt((self._rest**2).sum(axis=1).mean()))
         self.mass = operators.mass
-        self._stiffness = csc_array(diags_array(self._total) - self._weights)
+        self._stiffness = scipy.sparse.csc_array(
+            scipy.sparse.diags_array(self._total) - self._weights
+        )
 
     def pull(
         self, goals: MapGoals, trust: FloatArray, length: float
@@ -91,7 +92,9 @@ class ArapSolver:
         right_side = np.zeros((num, 3))
         np.add.at(right_side, vertices, share[:, None] * places)
         total = np.bincount(vertices, weights=share, minlength=num)
-        solve = factor_symmetric(csc_array(self._stiffness + diags_array(total))).solve
+        solve = factor_symmetric(
+            scipy.sparse.csc_array(self._stiffness + scipy.sparse.diags_array(total))
+        ).solve
         return lambda edges: np.asarray(solve(edges + right_side))
 
     def rotated_edges(self, moved: FloatArray) -> FloatArray:
@@ -272,8 +275,8 @@ def _closest_points(
     """Return moved points, the target's that are closest to them or the other way, and the trust in each pair."""
     weight = BENT.normal_weight * radius
     theirs, ours = np.hstack([places, weight * fixed]), np.hstack([moved, weight * normals])
-    at = np.concatenate([np.arange(len(ours)), cKDTree(ours).query(theirs)[1]])
-    to = np.concatenate([cKDTree(theirs).query(ours)[1], np.arange(len(theirs))])
+    at = np.concatenate([np.arange(len(ours)), scipy.spatial.cKDTree(ours).query(theirs)[1]])
+    to = np.concatenate([scipy.spatial.cKDTree(theirs).query(ours)[1], np.arange(len(theirs))])
     distances = np.linalg.norm(places[to] - moved[at], axis=1)
     scale = TUNED.cutoff * max(float(np.median(distances)), _LEAST_DISTANCE * radius)
     trust = np.clip(1.0 - (distances / scale) ** 2, 0.0, 1.0) ** 2

@@ -8,9 +8,7 @@ from functools import lru_cache
 from typing import Annotated, TypeAlias
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
-from scipy.linalg.blas import dsyrk
-from scipy.spatial import cKDTree
+import scipy
 
 from collalign.registration.surface import TUNED, RegistrationSurface
 from data_tools.arrays import BoolArray, FloatArray, Holds, IntArray, read_only
@@ -328,7 +326,7 @@ class _Search:
         )
         return np.asarray(np.linalg.norm(places - moved, axis=1)), np.asarray(quality)
 
-    def _target_tree(self, noise: float) -> tuple[FloatArray, cKDTree]:
+    def _target_tree(self, noise: float) -> tuple[FloatArray, scipy.spatial.cKDTree]:
         """Return the features of the target, and a tree of them; those of the last noise are kept."""
         if noise != self._noise:
             features = self._features(self._target.vertices, self._target_normals, noise)
@@ -355,9 +353,9 @@ class _Search:
         return np.asarray(weights)
 
 
-def _tree(points: FloatArray) -> cKDTree:
+def _tree(points: FloatArray) -> scipy.spatial.cKDTree:
     """Return a tree that is built in a third of the usual time, for few queries."""
-    return cKDTree(points, balanced_tree=False, compact_nodes=False)
+    return scipy.spatial.cKDTree(points, balanced_tree=False, compact_nodes=False)
 
 
 @lru_cache(maxsize=1)
@@ -401,12 +399,12 @@ class _FieldSolver:
         rows *= root
         right_side = rows.T @ (toward[pulled] / root)
         # the lower triangle, which is all that the factorization reads, in half the time
-        data = dsyrk(1.0, rows.T, lower=True)
+        data = scipy.linalg.blas.dsyrk(1.0, rows.T, lower=True)
         diagonal, per_point = np.diag_indices_from(data), len(at) / TUNED.num_independent
         while stiffness <= _MAX_STIFFNESS:
             system = data.copy()
             system[diagonal] += (stiffness * noise) ** 2 * per_point
-            found = cho_solve(cho_factor(system, lower=True), right_side)
+            found = scipy.linalg.cho_solve(scipy.linalg.cho_factor(system, lower=True), right_side)
             field = replace(self.still, coefficients=found)
             if np.linalg.det(field.jacobian(self._slopes)).min() >= MIN_VOLUME_CHANGE:
                 return field, stiffness

@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only, rms_length
 from data_tools.embedding.sampling import farthest_points
@@ -186,7 +186,9 @@ def mean_of_what_is_there(
     weights = np.ones((len(copies), len(source)))
     for row, lacks in zip(weights, missing, strict=True):
         if lacks.any():
-            row[:] = np.minimum(cKDTree(source[lacks]).query(source)[0] / (RAMP * radius), 1.0)
+            row[:] = np.minimum(
+                scipy.spatial.cKDTree(source[lacks]).query(source)[0] / (RAMP * radius), 1.0
+            )
     total = weights.sum(axis=0)
     mean = np.einsum("nv,nvd->vd", weights / np.where(total > 0, total, 1.0), np.stack(copies))
     return np.where((total > 0)[:, None], mean, source)

@@ -16,9 +16,8 @@ from typing import Any
 
 import networkx as nx
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
-from scipy.spatial.distance import pdist
 
 from collalign.options import MAX_ROUNDS, AlignOptions, AlignSession
 from collalign.products.pair import FormerPairs, Pair
@@ -55,7 +54,11 @@ def shape_descriptor(samples: Samples) -> FloatArray:
     size = float(np.linalg.norm(samples.positions)) or 1.0
     points = samples.positions * (len(samples.positions) ** 0.5 / size)
     radii = np.quantile(np.linalg.norm(points, axis=1), _LEVELS)
-    distances = np.quantile(pdist(points), _LEVELS) if len(points) > 1 else np.zeros(len(_LEVELS))
+    distances = (
+        np.quantile(scipy.spatial.distance.pdist(points), _LEVELS)
+        if len(points) > 1
+        else np.zeros(len(_LEVELS))
+    )
     extents = np.linalg.svd(points, compute_uv=False) / len(points) ** 0.5
     parts = [radii / 4.0, distances / 4.0, np.pad(extents, (0, 3 - len(extents)))]
     if samples.invariants.shape[1]:
@@ -275,7 +278,7 @@ def near_partners(points: FloatArray, shapes: IntArray, partners: IntArray, num:
     num = min(num + 1, len(partners))  # one more, since a shape may find itself
     if not len(shapes) or not num:
         return np.empty((0, 2), dtype=np.int64)
-    _, found = KDTree(points[partners]).query(points[shapes], k=num)
+    _, found = scipy.spatial.KDTree(points[partners]).query(points[shapes], k=num)
     found = partners[np.asarray(found).reshape(len(shapes), num)]
     rows = [
         found_of[found_of != shape][: max(num - 1, 1)]
@@ -305,7 +308,7 @@ def without_bridges(num_shapes: int, edges: IntArray, points: FloatArray | None)
 def _closest(points: FloatArray | None, part: list[int], other: list[int]) -> tuple[int, int]:
     if points is None:
         return part[0], other[0]
-    distances, found = KDTree(points[part]).query(points[other])
+    distances, found = scipy.spatial.KDTree(points[part]).query(points[other])
     best = int(np.argmin(distances))
     return part[int(found[best])], other[best]
 

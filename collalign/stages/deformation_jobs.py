@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from collalign.engine.job import Job, Results, Wanted
 from collalign.engine.records import Record, to_record
@@ -169,7 +169,8 @@ def trust_of_places(
     mapper = PoseMapper(sampled_surface(target), sampled_surface(source))
     to, of = mapper.target.spectral, mapper.source.spectral
     forward, backward = (
-        cKDTree(a).query(b)[1] for a, b in ((to.vertices, places), (places, to.vertices))
+        scipy.spatial.cKDTree(a).query(b)[1]
+        for a, b in ((to.vertices, places), (places, to.vertices))
     )
     c = fitted_map(to.basis, of.basis, forward, backward)
     own = FunctionalMap(C_source_target=c, map_target_source=forward, map_source_target=backward)

@@ -11,9 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+import scipy
 
 from collalign.engine.job import Shared, table_of_values
 from collalign.options import AlignSession
@@ -280,7 +278,7 @@ class Disks:
     """
 
     def __init__(self, points: FloatArray, normals: FloatArray) -> None:
-        self.points, self._normals, self._tree = points, normals, cKDTree(points)
+        self.points, self._normals, self._tree = points, normals, scipy.spatial.cKDTree(points)
         self._spacing = float(np.median(self._tree.query(points, k=2)[0][:, 1]))
 
     def distances(self, places: FloatArray) -> FloatArray:
@@ -295,13 +293,13 @@ class Disks:
 
 def _largest_piece(points: FloatArray, near: BoolArray, core: BoolArray) -> BoolArray:
     """Return the connected piece of near points with most of the core, if that is enough of the surface."""
-    nearest = cKDTree(points).query(points, k=TUNED.num_nearest + 1)[1][:, 1:]
+    nearest = scipy.spatial.cKDTree(points).query(points, k=TUNED.num_nearest + 1)[1][:, 1:]
     links = np.stack(
         [np.repeat(np.arange(len(points)), TUNED.num_nearest), nearest.ravel()], axis=1
     )
     links = links[near[links].all(axis=1)]
-    graph = coo_array((np.ones(len(links)), links.T), shape=(len(points),) * 2)
-    piece = connected_components(graph, directed=False)[1]
+    graph = scipy.sparse.coo_array((np.ones(len(links)), links.T), shape=(len(points),) * 2)
+    piece = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
     counts = np.bincount(piece[core], minlength=1)
     is_enough = counts.max() >= TUNED.least_share * len(points)
     return np.asarray(near & (piece == counts.argmax()) & is_enough)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TypeAlias
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from collalign.whole_pairs.local_evidence import (
     local_evidence,
@@ -46,7 +46,7 @@ def near_symmetries(samples: Samples) -> FloatArray:
     best, _ = _nearest_to_itself(samples, rotations, NUM_REFINED)
     ranked = np.concatenate([np.eye(3)[None], best])
     found = ranked[keep_apart(ranked, APART_DEG, num=MAX_TURNS + 1)][1:]
-    axes = Rotation.from_matrix(found).as_rotvec()
+    axes = scipy.spatial.transform.Rotation.from_matrix(found).as_rotvec()
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     about = np.abs(axes @ axes.T) > SAME_AXIS
     most = about[int(np.argmax(about.sum(axis=1)))]
@@ -54,7 +54,12 @@ def near_symmetries(samples: Samples) -> FloatArray:
         return found
     axis = np.linalg.eigh(axes[most].T @ axes[most])[1][:, -1]
     return np.concatenate(
-        [Rotation.from_rotvec(np.outer(TWELFTHS, axis), degrees=True).as_matrix(), found[~most]]
+        [
+            scipy.spatial.transform.Rotation.from_rotvec(
+                np.outer(TWELFTHS, axis), degrees=True
+            ).as_matrix(),
+            found[~most],
+        ]
     )
 
 

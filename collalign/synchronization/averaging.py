@@ -8,9 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
-from scipy.sparse import coo_matrix, csc_matrix, diags
-from scipy.sparse.csgraph import minimum_spanning_tree
+import scipy
 
 from collalign.synchronization.frames import cayley, relative
 from collalign.synchronization.model import EdgeModel, squared_distances
@@ -89,8 +87,10 @@ def _solve_laplacian(
         laplacian[left, right] = laplacian[right, left] = -weights
         laplacian[np.arange(count), np.arange(count)] = degree
         try:
-            return cho_solve(cho_factor(laplacian[np.ix_(free, free)], check_finite=False), force)
-        except LinAlgError:
+            return scipy.linalg.cho_solve(
+                scipy.linalg.cho_factor(laplacian[np.ix_(free, free)], check_finite=False), force
+            )
+        except scipy.linalg.LinAlgError:
             return np.asarray(
                 np.linalg.lstsq(laplacian[np.ix_(free, free)], force, rcond=None)[0],
                 dtype=np.float64,
@@ -105,10 +105,12 @@ def _solve_laplacian(
     return factor_symmetric(matrix).solve(force) if solution is None else solution
 
 
-def _minus_couplings(degree: FloatArray, ends: IntArray, coupling: FloatArray) -> csc_matrix:
+def _minus_couplings(
+    degree: FloatArray, ends: IntArray, coupling: FloatArray
+) -> scipy.sparse.csc_matrix:
     """Return the matrix with the degrees on its diagonal and minus the couplings of the pairs off it."""
-    couplings = coo_matrix((coupling, tuple(ends.T)), shape=(len(degree), len(degree)))
-    return (diags(degree) - couplings - couplings.T).tocsc()
+    couplings = scipy.sparse.coo_matrix((coupling, tuple(ends.T)), shape=(len(degree), len(degree)))
+    return (scipy.sparse.diags(degree) - couplings - couplings.T).tocsc()
 
 
 def _heaviest_forest(ends: IntArray, coupling: FloatArray, count: int) -> IntArray:
@@ -116,12 +118,16 @@ def _heaviest_forest(ends: IntArray, coupling: FloatArray, count: int) -> IntArr
     rank = np.empty(len(coupling))
     order = np.argsort(-coupling, kind="stable")
     rank[order] = np.arange(1.0, len(coupling) + 1.0)
-    found = minimum_spanning_tree(coo_matrix((rank, tuple(ends.T)), shape=(count, count)).tocsr())
+    found = scipy.sparse.csgraph.minimum_spanning_tree(
+        scipy.sparse.coo_matrix((rank, tuple(ends.T)), shape=(count, count)).tocsr()
+    )
     return np.sort(order[found.data.astype(np.int64) - 1])
 
 
 def _conjugate_gradients(
-    matrix: csc_matrix, precondition: Callable[[FloatArray], FloatArray], force: FloatArray
+    matrix: scipy.sparse.csc_matrix,
+    precondition: Callable[[FloatArray], FloatArray],
+    force: FloatArray,
 ) -> FloatArray | None:
     """Return the solution for all columns by preconditioned conjugate gradients; None if they are too slow.
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.cluster.vq import kmeans2
-from scipy.linalg import eigh
+import scipy
 
 from collalign.synchronization.frames import transposed
 from collalign.synchronization.graph import PairGraph
@@ -82,14 +81,16 @@ def spectral_clusters(affinity: FloatArray, num_clusters: int | None) -> IntArra
     scaled = affinity / np.sqrt(np.outer(typical, typical))
     degree = scaled.sum(axis=1)
     spread = 1.0 / np.sqrt(np.maximum(degree, LEAST_TYPICAL * max(degree.max(initial=0.0), 1e-300)))
-    values, vectors = eigh(spread[:, None] * scaled * spread)
+    values, vectors = scipy.linalg.eigh(spread[:, None] * scaled * spread)
     values, vectors = np.maximum(values[::-1], LEAST_EIGENVALUE), vectors[:, ::-1]
     if num_clusters is None:
         most = min(MAX_PARTS, count - 1)
         num_clusters = 1 + int(np.argmax(values[:most] / values[1 : most + 1])) if most else 1
     rows = vectors[:, :num_clusters]
     rows = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-300)
-    _, found = kmeans2(rows, _spread_rows(rows, num_clusters), minit="matrix", iter=MAX_KMEANS)
+    _, found = scipy.cluster.vq.kmeans2(
+        rows, _spread_rows(rows, num_clusters), minit="matrix", iter=MAX_KMEANS
+    )
     _, first, inverse = np.unique(found, return_index=True, return_inverse=True)
     order = np.argsort(np.argsort(first))
     return np.asarray(order[inverse.ravel()], dtype=np.int64)

@@ -9,8 +9,8 @@ from typing import TypedDict
 
 import networkx
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.sparse import coo_matrix, csr_matrix
 
 from data_tools.arrays import (
     BoolArray,
@@ -314,7 +314,7 @@ class PairGraph:
         )
 
 
-def block_matrix(graph: PairGraph, blocks: FloatArray, index: IntArray) -> csr_matrix:
+def block_matrix(graph: PairGraph, blocks: FloatArray, index: IntArray) -> scipy.sparse.csr_matrix:
     """Return the symmetric block matrix of weighted rotations, shape (N b, N b), without its diagonal.
 
     Parameters
@@ -331,7 +331,9 @@ def block_matrix(graph: PairGraph, blocks: FloatArray, index: IntArray) -> csr_m
     rows = graph.edges[:, 0, None, None] * size + within[:, None]
     cols = graph.edges[:, 1, None, None] * size + within
     rows, cols = np.broadcast_arrays(rows, cols)
-    upper = coo_matrix((part.ravel(), (rows.ravel(), cols.ravel())), shape=(total, total))
+    upper = scipy.sparse.coo_matrix(
+        (part.ravel(), (rows.ravel(), cols.ravel())), shape=(total, total)
+    )
     return (upper + upper.T).tocsr()
 
 

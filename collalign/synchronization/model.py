@@ -14,7 +14,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import gamma
+import scipy
 
 from collalign.synchronization.frames import relative
 from collalign.synchronization.graph import PairGraph
@@ -88,7 +88,7 @@ MAX_NEWTON_STEPS = 10
 def group_volume(dim: int) -> float:
     """Return the volume of SO(d) in the metric ``|log R|_F^2 / 2``: the product of the spheres S^1 ... S^(d-1)."""
     sizes = np.arange(2, dim + 1)
-    return float(np.prod(2.0 * np.pi ** (sizes / 2.0) / gamma(sizes / 2.0)))
+    return float(np.prod(2.0 * np.pi ** (sizes / 2.0) / scipy.special.gamma(sizes / 2.0)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

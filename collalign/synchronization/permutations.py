@@ -7,10 +7,8 @@ correspond if they share a label, so that ``map_a_b[map_b_c] == map_a_c`` exactl
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.optimize import linear_sum_assignment
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from collalign.synchronization.graph import checked_edges
 from data_tools.arrays import (
@@ -113,8 +111,10 @@ def synchronize_permutations(
 
 def _check_connected(edges: IntArray, num: int) -> None:
     """Refuse shapes (num) that pairs (E, 2) do not connect: nothing says which of their points correspond."""
-    graph = csr_matrix((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(num, num))
-    component = connected_components(graph, directed=False)[1]
+    graph = scipy.sparse.csr_matrix(
+        (np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(num, num)
+    )
+    component = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
     apart = np.flatnonzero(component != component[0])
     if len(apart):
         raise InputError(
@@ -163,29 +163,35 @@ def synchronize_maps(
     return labels.reshape(num, total)
 
 
-def _match_matrix(edges: IntArray, maps: IntArray, weights: FloatArray, num: int) -> csr_matrix:
+def _match_matrix(
+    edges: IntArray, maps: IntArray, weights: FloatArray, num: int
+) -> scipy.sparse.csr_matrix:
     """Return the symmetric sparse matrix of weighted matches over all samples of all shapes."""
     total = maps.shape[1]
     known = maps >= 0
     rows, cols = edges[:, :1] * total + maps, edges[:, 1:] * total + np.arange(total)
     values = np.broadcast_to(weights[:, None], maps.shape)
-    upper = csr_matrix((values[known], (rows[known], cols[known])), shape=(num * total,) * 2)
+    upper = scipy.sparse.csr_matrix(
+        (values[known], (rows[known], cols[known])), shape=(num * total,) * 2
+    )
     return (upper + upper.T).tocsr()
 
 
-def _first_labels(matches: csr_matrix, positions: FloatArray) -> IntArray:
+def _first_labels(matches: scipy.sparse.csr_matrix, positions: FloatArray) -> IntArray:
     """Return labels spread from the best connected shape, by assignment to those already labelled."""
     (num, total, _), clouds = positions.shape, positions.reshape(-1, positions.shape[2])
     owner = np.repeat(np.arange(num), total)
     labels = np.full(num * total, -1, dtype=np.int64)
-    coarse = csr_matrix(
+    coarse = scipy.sparse.csr_matrix(
         (np.ones(len(owner)), (owner, np.arange(len(owner)))), shape=(num, len(owner))
     )
     between = (coarse @ matches @ coarse.T).tocsr()
     strength = np.asarray(between.sum(axis=1)).ravel()
     root = int(np.lexsort((strength,))[-1])
     labels[root * total : (root + 1) * total] = np.arange(total)
-    reached = breadth_first_order(between, root, directed=False, return_predecessors=False)
+    reached = scipy.sparse.csgraph.breadth_first_order(
+        between, root, directed=False, return_predecessors=False
+    )
     for shape in (*reached[1:], *np.setdiff1d(np.arange(num), reached)):
         part = slice(shape * total, (shape + 1) * total)
         support = np.asarray(_support(matches[part], labels, total).todense())
@@ -193,11 +199,13 @@ def _first_labels(matches: csr_matrix, positions: FloatArray) -> IntArray:
         far = ((clouds[part][:, None] - _label_means(clouds[seen], labels[seen], total)) ** 2).sum(
             axis=2
         )
-        labels[part] = linear_sum_assignment(far / max(float(far.max()), 1e-300) - support)[1]
+        labels[part] = scipy.optimize.linear_sum_assignment(
+            far / max(float(far.max()), 1e-300) - support
+        )[1]
     return labels
 
 
-def _elected(matches: csr_matrix, labels: IntArray, positions: FloatArray) -> IntArray:
+def _elected(matches: scipy.sparse.csr_matrix, labels: IntArray, positions: FloatArray) -> IntArray:
     """Return the labels that the samples' matches, and their places, elect: one round, some shapes at a time."""
     (num, total, _), clouds = positions.shape, positions.reshape(-1, positions.shape[2])
     support = _support(matches, labels, total)
@@ -221,10 +229,12 @@ def _elected(matches: csr_matrix, labels: IntArray, positions: FloatArray) -> In
     return fresh
 
 
-def _support(matches: csr_matrix, labels: IntArray, total: int) -> csr_matrix:
+def _support(
+    matches: scipy.sparse.csr_matrix, labels: IntArray, total: int
+) -> scipy.sparse.csr_matrix:
     """Return the weight with which each sample's matches vote for each label, shape (rows, k)."""
     seen = np.flatnonzero(labels >= 0)
-    return matches @ csr_matrix(
+    return matches @ scipy.sparse.csr_matrix(
         (np.ones(len(seen)), (seen, labels[seen])), shape=(len(labels), total)
     )
 
@@ -240,5 +250,5 @@ def _assigned(support: FloatArray, labels: IntArray) -> IntArray:
     fresh = labels.copy()
     for row, part in enumerate(support):
         part[np.arange(len(part)), labels[row]] += TIE_SHARE * max(float(part.max()), 1.0)
-        fresh[row] = linear_sum_assignment(-part)[1]
+        fresh[row] = scipy.optimize.linear_sum_assignment(-part)[1]
     return fresh

@@ -9,10 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.linalg import eigh
-from scipy.optimize import linear_sum_assignment
-from scipy.sparse import coo_matrix, diags, identity
-from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
+import scipy
 
 from collalign.synchronization.graph import PairGraph, block_matrix, degrees
 from data_tools.arrays import BoolArray, FloatArray, IntArray, as_points, as_rotations
@@ -63,11 +60,11 @@ def _signs_of_component(graph: PairGraph, evidence: FloatArray) -> FloatArray:
     """Return the signs of a component."""
     left, right = graph.edges.T
     count = graph.num_shapes
-    matrix = coo_matrix((evidence, (left, right)), shape=(count, count))
+    matrix = scipy.sparse.coo_matrix((evidence, (left, right)), shape=(count, count))
     size = np.bincount(graph.edges.ravel(), weights=np.repeat(np.abs(evidence), 2), minlength=count)
-    scale = diags(1.0 / np.sqrt(np.maximum(size, 1e-300)))
+    scale = scipy.sparse.diags(1.0 / np.sqrt(np.maximum(size, 1e-300)))
     _, vector = leading_eigenvectors(
-        (scale @ (matrix + matrix.T) @ scale + identity(count)).tocsr(), 1
+        (scale @ (matrix + matrix.T) @ scale + scipy.sparse.identity(count)).tocsr(), 1
     )
     signs = np.where(vector[:, 0] >= 0, 1.0, -1.0)
     both = (matrix + matrix.T).tocsr()
@@ -122,19 +119,21 @@ def _component_blocks(
     matrix = block_matrix(graph, rotations * weights[:, None, None], index)
     scale = np.ones(graph.num_shapes)
     if graph.is_complete and (not graph.num_edges or np.ptp(weights) == 0):
-        matrix = matrix + (weights[0] if graph.num_edges else 1.0) * identity(
+        matrix = matrix + (weights[0] if graph.num_edges else 1.0) * scipy.sparse.identity(
             matrix.shape[0], format="csr"
         )
     else:
         scale = 1.0 / np.sqrt(np.maximum(degrees(graph, weights), np.finfo(float).tiny))
-        spread = diags(np.repeat(scale, size))
+        spread = scipy.sparse.diags(np.repeat(scale, size))
         matrix = spread @ matrix @ spread
     values, vectors = leading_eigenvectors(matrix, size)
     scaled = vectors * np.sqrt(np.maximum(values, 0.0)) * np.sqrt(graph.num_shapes)
     return scaled.reshape(graph.num_shapes, size, size) * (scale / scale.mean())[:, None, None]
 
 
-def leading_eigenvectors(matrix: LinearOperator, count: int) -> tuple[FloatArray, FloatArray]:
+def leading_eigenvectors(
+    matrix: scipy.sparse.linalg.LinearOperator, count: int
+) -> tuple[FloatArray, FloatArray]:
     """Return the largest eigenvalues, shape (count,), and their vectors (n, count), deterministically.
 
     Lanczos starts from a fixed vector. Where it does not converge (long chains have tiny gaps) the matrix is
@@ -142,17 +141,19 @@ def leading_eigenvectors(matrix: LinearOperator, count: int) -> tuple[FloatArray
     """
     total = matrix.shape[0]
     if total <= max(DENSE_LIMIT, count + 2):
-        values, vectors = eigh(matrix.toarray(), subset_by_index=(total - count, total - 1))
+        values, vectors = scipy.linalg.eigh(
+            matrix.toarray(), subset_by_index=(total - count, total - 1)
+        )
         return values, vectors
     operator = matrix.toarray() if matrix.nnz > DENSE_SHARE * total * total else matrix
     start = np.random.default_rng(0).standard_normal(total)
     try:
         size = max(LEAST_LANCZOS, LANCZOS_FACTOR * count)
-        values, vectors = eigsh(
+        values, vectors = scipy.sparse.linalg.eigsh(
             operator, k=count, which="LA", v0=start, ncv=size, maxiter=MAX_RESTARTS
         )
-    except ArpackNoConvergence:
-        values, vectors = eigsh(
+    except scipy.sparse.linalg.ArpackNoConvergence:
+        values, vectors = scipy.sparse.linalg.eigsh(
             matrix.tocsc(), k=count, sigma=1.0 + EIGENVALUE_SHIFT, which="LM", v0=start
         )
     order = np.argsort(values, kind="stable")
@@ -238,7 +239,7 @@ def assign_all_pairs(
                 + (posed[i] ** 2).sum(1)
                 - 2.0 * posed[j] @ posed[i].T
             )
-            rows, cols = linear_sum_assignment(costs)
+            rows, cols = scipy.optimize.linear_sum_assignment(costs)
             maps[i, j] = cols.astype(np.int64)
             energy += float(costs[rows, cols].sum())
     return maps, energy

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
-from scipy.spatial.distance import cdist
+import scipy
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.notes import Note
@@ -180,8 +179,8 @@ def reordered(own: FloatArray, other: FloatArray) -> IntArray:
     if not len(here) or not len(there):
         return moved
     gaps = np.full((len(own), len(own)), np.nan)
-    gaps[np.ix_(here, there)] = cdist(own[here], other[there])
-    rows, columns = linear_sum_assignment(gaps[np.ix_(here, there)] ** 2)
+    gaps[np.ix_(here, there)] = scipy.spatial.distance.cdist(own[here], other[there])
+    rows, columns = scipy.optimize.linear_sum_assignment(gaps[np.ix_(here, there)] ** 2)
     to = dict(zip(here[rows].tolist(), there[columns].tolist(), strict=True))
     usual = float(np.median([gaps[row, place] for row, place in to.items()]))
     for chain in _chains(to):

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
+import scipy
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.poses import each_moved_by, fitting_similarity
@@ -102,7 +101,7 @@ class Surroundings:
 
 def _near(points: FloatArray, places: FloatArray, unit: float) -> IntArray:
     """Return even choices of the points around each place, in the order of the file, shape (n, l, k)."""
-    tree = cKDTree(points)
+    tree = scipy.spatial.cKDTree(points)
     nearest = tree.query(places, k=min(FIT.fewest, len(points)))[1]
     chosen = []
     for around in FIT.around:
@@ -169,7 +168,7 @@ def _fitted(
         weighted = np.swapaxes(rows / (1.0 + (gaps / FIT.outlier) ** 2)[:, :, None], 1, 2)
         moments = weighted @ rows + FIT.damping * rows.shape[1] * np.eye(6)
         steps = np.linalg.solve(moments, weighted @ gaps[:, :, None])[:, :, 0]
-        rotations = Rotation.from_rotvec(steps[:, :3]).as_matrix()
+        rotations = scipy.spatial.transform.Rotation.from_rotvec(steps[:, :3]).as_matrix()
         turned = (moved - centres) @ np.swapaxes(rotations, 1, 2)
         moved = turned + centres + reach * steps[:, None, 3:]
     nearest, _ = _tangent_planes(surface, normals, moved[:, 1:])
@@ -216,7 +215,7 @@ def holds(
     Gelfand and Guibas, Shape segmentation using local slippage analysis (SGP 2004).
     """
     normals = vertex_normals(vertices, faces)
-    tree = cKDTree(vertices)
+    tree = scipy.spatial.cKDTree(vertices)
     nearest = tree.query(places, k=min(FIT.fewest, len(vertices)))[1]
     logs, held = np.zeros(len(places)), np.zeros((len(places), 3, 3))
     for reach in FIT.reaches:

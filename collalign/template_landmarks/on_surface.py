@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TypeAlias, TypeVar
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only, rms_length
 from data_tools.errors import InputError
@@ -44,7 +44,9 @@ class _Surface:
         self._locator = SurfaceLocator(shape.vertices, shape.faces)
         self._slack = 0.0
         if not shape.is_mesh:  # a landmark may lie between the samples of a cloud
-            around = cKDTree(shape.vertices).query(shape.vertices, k=[_NTH_NEAREST])[0]
+            around = scipy.spatial.cKDTree(shape.vertices).query(shape.vertices, k=[_NTH_NEAREST])[
+                0
+            ]
             self._slack = float(np.quantile(around, _MOST_VERTICES))
 
     def distances(self, points: FloatArray) -> FloatArray:

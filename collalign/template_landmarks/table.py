@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
@@ -45,7 +45,9 @@ def evenly_spaced(points: FloatArray, num: int, *, closed: bool) -> FloatArray:
     chords = _lengths_along(knots)
     if len(knots) < 2 or chords[-1] == 0:
         return np.repeat(points[:1], num, axis=0)
-    spline = CubicSpline(chords, knots, bc_type="periodic" if closed else "natural")
+    spline = scipy.interpolate.CubicSpline(
+        chords, knots, bc_type="periodic" if closed else "natural"
+    )
     steps = [np.linspace(a, b, _STEPS, endpoint=False) for a, b in itertools.pairwise(chords)]
     fine = np.concatenate([*steps, chords[-1:]])
     lengths = _lengths_along(spline(fine))

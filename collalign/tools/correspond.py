@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from collalign.engine.job import Job, Results, Shared, Wanted, table_of_values
 from collalign.engine.progress import progress_display
@@ -144,7 +144,7 @@ def template_maps(
     """
     if reference.name not in maps.names:
         return {}
-    nearest = np.append(cKDTree(template.vertices).query(reference.vertices)[1], -1)
+    nearest = np.append(scipy.spatial.cKDTree(template.vertices).query(reference.vertices)[1], -1)
     own = np.arange(len(reference.vertices))
     starts = {}
     for name in maps.names:
@@ -420,7 +420,7 @@ def medoid(clouds: Sequence[FloatArray], candidates: Sequence[int] = ()) -> int:
     is the best start for a mean: no shape is very far from it. Clouds should be far denser than the shapes differ:
     with 64 points, which of two middle skulls it is depends on where the points lie. Of several it is the first.
     """
-    trees = [cKDTree(cloud) for cloud in clouds]
+    trees = [scipy.spatial.cKDTree(cloud) for cloud in clouds]
     num = max(_NUM_QUERIES // len(clouds), 1)
     queries = [cloud[:: max(len(cloud) // num, 1)] for cloud in clouds]
     one_way = np.array([[tree.query(points)[0].mean() for points in queries] for tree in trees])

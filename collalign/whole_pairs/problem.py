@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
-from scipy.spatial.distance import cdist
+import scipy
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.embedding import Samples
@@ -31,8 +30,10 @@ def dense_points(samples: Samples) -> DensePoints:
 
 def matching_costs(target: Samples, source: Samples, rotation: FloatArray) -> FloatArray:
     """Return the costs of all matches at a rotation of space (3, 3), shape (k, k): source points are rows."""
-    costs = cdist(source.positions @ rotation.T, target.positions, "sqeuclidean")
-    costs += cdist(source.invariants, target.invariants, "sqeuclidean")
+    costs = scipy.spatial.distance.cdist(
+        source.positions @ rotation.T, target.positions, "sqeuclidean"
+    )
+    costs += scipy.spatial.distance.cdist(source.invariants, target.invariants, "sqeuclidean")
     return np.asarray(costs)
 
 
@@ -41,5 +42,5 @@ def match_at_rotation(
 ) -> tuple[IntArray, float]:
     """Return the best one-to-one match at a rotation of space, shape (k,), and its energy."""
     costs = matching_costs(target, source, rotation)
-    rows, columns = linear_sum_assignment(costs)
+    rows, columns = scipy.optimize.linear_sum_assignment(costs)
     return columns.astype(np.int64), float(costs[rows, columns].sum())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import ConvexHull
+import scipy
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.rotations import spread_directions
@@ -16,7 +16,7 @@ CROWN_RIM = 1.9
 def sphere_mesh(num_vertices: int) -> tuple[FloatArray, IntArray]:
     """Return a unit sphere of vertices (num, 3) and triangles (t, 3), counterclockwise from outside."""
     vertices = spread_directions(num_vertices)
-    hull = ConvexHull(vertices)
+    hull = scipy.spatial.ConvexHull(vertices)
     faces = hull.simplices.astype(np.int64)
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0

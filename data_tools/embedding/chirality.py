@@ -13,9 +13,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.spatial import cKDTree
-from scipy.spatial.distance import cdist
+import scipy
 
 from data_tools.arrays import BoolArray, FloatArray, Holds, IntArray, read_only
 from data_tools.embedding.invariants import HKS_TIMES, NUM_SPECTRUM, heat_kernel_signature
@@ -126,11 +124,13 @@ def _outward(surface: WorkingSurface) -> IntArray:
 
 def _bulges(points: FloatArray, normals: FloatArray, mass: FloatArray) -> FloatArray:
     """Return how far outward the mean of each vertex's neighbourhood lies, by its radius, shape (v, radii)."""
-    tree, found = cKDTree(points), []
+    tree, found = scipy.spatial.cKDTree(points), []
     weighted = mass[:, None] * np.column_stack([points, np.ones(len(points))])
     for radius in BULGE_RADII:
         rows, columns = tree.query_pairs(radius, output_type="ndarray").T
-        near = coo_array((np.ones(len(rows)), (rows, columns)), shape=(len(points), len(points)))
+        near = scipy.sparse.coo_array(
+            (np.ones(len(rows)), (rows, columns)), shape=(len(points), len(points))
+        )
         sums = near @ weighted + near.T @ weighted + weighted
         mean = sums[:, :3] / sums[:, 3:]
         found.append(np.einsum("vd,vd->v", mean - points, normals) / radius)
@@ -213,7 +213,7 @@ def _places(surface: SurfaceChirality) -> BoolArray:
     points = np.unique(surface.centres, axis=0)
     num = min(round(4.0 / PLACE_AREA), len(points))
     starts = points[farthest_points(Shape.from_arrays(points), num, metric="euclidean")]
-    nearest = np.argsort(cdist(starts, surface.centres), axis=1)
+    nearest = np.argsort(scipy.spatial.distance.cdist(starts, surface.centres), axis=1)
     within = np.cumsum(surface.areas[nearest], axis=1) <= PLACE_AREA
     places = np.zeros_like(within)
     np.put_along_axis(places, nearest, within, axis=1)

@@ -7,9 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+import scipy
 
 from data_tools.arrays import FloatArray, IntArray, read_only, rms_length
 from data_tools.notes import Note
@@ -103,7 +101,11 @@ def find_copies(
     pairs = np.column_stack([np.arange(len(names)), same])
     kept = np.array([share_kept(own) for own in notes])
     values = np.column_stack([kept, np.array(signatures).reshape(len(names), -1)])
-    near = cKDTree(values[:, :-1]).query_pairs(tol, output_type="ndarray").astype(np.int64)
+    near = (
+        scipy.spatial.cKDTree(values[:, :-1])
+        .query_pairs(tol, output_type="ndarray")
+        .astype(np.int64)
+    )
     hands = values[near, -1]
     opposite = (hands.prod(axis=1) < 0) & (
         np.abs(hands).min(axis=1) > tol**2
@@ -125,8 +127,10 @@ def find_copies(
 
 def _groups(pairs: IntArray, num: int) -> IntArray:
     """Return the number of the component of each shape, in the order of their first members."""
-    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(num, num))
-    return np.asarray(connected_components(links, directed=False)[1])
+    links = scipy.sparse.coo_array(
+        (np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(num, num)
+    )
+    return np.asarray(scipy.sparse.csgraph.connected_components(links, directed=False)[1])
 
 
 def _named(names: Sequence[str], chosen: Sequence[int]) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from data_tools.arrays import FloatArray, Holds, IntArray, read_only
 from data_tools.embedding.chirality import NO_CHIRALITY, SurfaceChirality, surface_chirality
@@ -173,7 +173,7 @@ def sample_shape(
     else:
         indices = own.samples
         points = shape.vertices[indices]
-        chosen = cKDTree(surface.shape.vertices).query(points)[1]
+        chosen = scipy.spatial.cKDTree(surface.shape.vertices).query(points)[1]
     offset = points.mean(axis=0)
     scale = _unit_of_length(points - offset, surface, sampling)
     positions = (points - offset) / scale
@@ -238,7 +238,7 @@ def _distinct(surface: WorkingSurface, chosen: IntArray, shape: Shape) -> IntArr
     again = np.setdiff1d(np.arange(len(chosen)), np.unique(indices, return_index=True)[1])
     if len(again):
         known = np.unique(surface.to_original)
-        _, near = cKDTree(shape.vertices[known]).query(
+        _, near = scipy.spatial.cKDTree(shape.vertices[known]).query(
             surface.shape.vertices[chosen[again]], k=len(chosen)
         )
         for at, options in zip(again, near, strict=True):

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
-from scipy.spatial import cKDTree
+import scipy
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray, extremes, read_only, sums_by_owner
 from data_tools.embedding.sampling import farthest_points
@@ -89,7 +87,7 @@ def surface_cells(shape: Shape, cell: float, *, of_scene: bool = False) -> Local
             return None
         planes = _normals_of_planes(points[near])
         if has_side:
-            nearest = cKDTree(points).query(spread)[1]
+            nearest = scipy.spatial.cKDTree(points).query(spread)[1]
             towards = sums_by_owner(triangles, nearest, len(points))
             normals = planes * np.where((planes * towards).sum(axis=1) < 0.0, -1.0, 1.0)[:, None]
             if len(sights):
@@ -215,8 +213,8 @@ def _mesh_rim(mesh: Shape, points: FloatArray) -> BoolArray:
     rim = np.unique(boundary_edges(mesh.faces))
     if not len(rim):
         return np.zeros(len(points), dtype=np.bool_)
-    spacing = np.median(cKDTree(points).query(points, k=2)[0][:, 1])
-    return np.asarray(cKDTree(mesh.vertices[rim]).query(points)[0] < spacing)
+    spacing = np.median(scipy.spatial.cKDTree(points).query(points, k=2)[0][:, 1])
+    return np.asarray(scipy.spatial.cKDTree(mesh.vertices[rim]).query(points)[0] < spacing)
 
 
 def cloud_rim(points: FloatArray, normals: FloatArray) -> BoolArray:
@@ -226,7 +224,7 @@ def cloud_rim(points: FloatArray, normals: FloatArray) -> BoolArray:
     """
     places = np.unique(points, axis=0)
     num = min(RIM_NEIGHBOURS + 1, len(places))
-    arms = places[cKDTree(places).query(points, k=num)[1][:, 1:]] - points[:, None]
+    arms = places[scipy.spatial.cKDTree(places).query(points, k=num)[1][:, 1:]] - points[:, None]
     lengths = np.linalg.norm(normals, axis=1)
     if not lengths.all():
         without = lengths == 0.0
@@ -248,7 +246,7 @@ def plane_normals(cloud: FloatArray, places: FloatArray) -> FloatArray:
 
 def _plane_neighbours(cloud: FloatArray, places: FloatArray) -> tuple[FloatArray, IntArray]:
     """Return distance and index, (q, k) each, of the points that a plane around each place is fitted to."""
-    far, near = cKDTree(cloud).query(places, k=min(NORMAL_NEIGHBOURS, len(cloud)))
+    far, near = scipy.spatial.cKDTree(cloud).query(places, k=min(NORMAL_NEIGHBOURS, len(cloud)))
     return far, near
 
 
@@ -264,14 +262,16 @@ def one_sided(points: FloatArray, normals: FloatArray) -> FloatArray:
     The side spreads from neighbour to neighbour (Hoppe et al., SIGGRAPH 1992).
     """
     num = len(points)
-    near = cKDTree(points).query(points, k=min(SIDE_NEIGHBOURS + 1, num))[1][:, 1:]
+    near = scipy.spatial.cKDTree(points).query(points, k=min(SIDE_NEIGHBOURS + 1, num))[1][:, 1:]
     rows, columns = np.repeat(np.arange(num), near.shape[1]), near.ravel()
     costs = 1.001 - np.abs(np.einsum("la,la->l", normals[rows], normals[columns]))
-    tree = minimum_spanning_tree(coo_matrix((costs, (rows, columns)), shape=(num, num)).tocsr())
+    tree = scipy.sparse.csgraph.minimum_spanning_tree(
+        scipy.sparse.coo_matrix((costs, (rows, columns)), shape=(num, num)).tocsr()
+    )
     oriented, arms = normals.copy(), points - points.mean(axis=0)
-    _, pieces = connected_components(tree, directed=False)
+    _, pieces = scipy.sparse.csgraph.connected_components(tree, directed=False)
     for first in np.unique(pieces, return_index=True)[1]:
-        order, before = breadth_first_order(tree, first, directed=False)
+        order, before = scipy.sparse.csgraph.breadth_first_order(tree, first, directed=False)
         for at in order[1:]:
             if oriented[at] @ oriented[before[at]] < 0:
                 oriented[at] = -oriented[at]

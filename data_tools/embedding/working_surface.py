@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.invariants import boundary_distance
@@ -273,7 +273,7 @@ def _decimate(shape: Shape, max_faces: int) -> tuple[Shape, IntArray, Note]:
 def _nearest_used(shape: Shape, points: FloatArray) -> IntArray:
     """Return the vertex of a triangle that is nearest to each of the points (q, 3)."""
     used = _used(shape)
-    tree = cKDTree(shape.vertices[used], compact_nodes=False, balanced_tree=False)
+    tree = scipy.spatial.cKDTree(shape.vertices[used], compact_nodes=False, balanced_tree=False)
     return used[tree.query(points)[1]]
 
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import fast_simplification
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.distance import cdist
 
 from data_tools.arrays import (
     BoolArray,
@@ -390,7 +390,7 @@ def shared_object(signatures: Sequence[FloatArray]) -> tuple[float, ...]:
         others = np.vstack(
             [np.empty((0, NUM_QUANTILES)), *(signatures[j] for j in single if j != i)]
         )
-        return cdist(signatures[i], others).min(axis=1, initial=np.inf)
+        return scipy.spatial.distance.cdist(signatures[i], others).min(axis=1, initial=np.inf)
 
     found = [unlike(i) for i in range(len(signatures))]
     usual = AS_USUAL * float(np.median([found[i][0] for i in single]))

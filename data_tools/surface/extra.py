@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from data_tools.arrays import BoolArray, FloatArray, Holds, read_only
 from data_tools.options import CleaningOptions
@@ -38,7 +38,7 @@ class ExtraSurface:
 
     def holds(self, places: FloatArray) -> BoolArray:
         """Return which places (p, 3) on the surface are extra material: those whose nearest point is."""
-        return np.asarray(self.is_extra[cKDTree(self.points).query(places)[1]])
+        return np.asarray(self.is_extra[scipy.spatial.cKDTree(self.points).query(places)[1]])
 
 
 def without_extra(
@@ -83,7 +83,7 @@ def without_vertices(
         across = edges[goes[edges].sum(axis=1) == 1]
         border = np.unique(across[~goes[across]])
         if len(border):
-            nearest = cKDTree(shape.vertices[border]).query(shape.vertices[goes])[1]
+            nearest = scipy.spatial.cKDTree(shape.vertices[border]).query(shape.vertices[goes])[1]
             place[goes] = border[nearest]
         at_border = np.zeros(len(goes), dtype=np.bool_)
         at_border[border] = True

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-import potpourri3d
-from scipy.sparse import coo_array, csr_array
-from scipy.sparse.csgraph import dijkstra
-from scipy.spatial import cKDTree
+import scipy
 
 from data_tools.arrays import FloatArray, IntArray, as_indices
 from data_tools.surface.laplacian import vertex_areas
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import mesh_edges, vertex_components
+
+if TYPE_CHECKING:
+    import potpourri3d
 
 #: Neighbours of each point in the graph of a point cloud.
 CLOUD_NEIGHBOURS = 12
@@ -59,7 +61,7 @@ class GeodesicSolver:
         """
         sources = as_indices(sources, "sources", upper=self._num_vertices, shape=(None,))
         if self._heat is None:
-            return dijkstra(self._graph, indices=sources, min_only=True)
+            return scipy.sparse.csgraph.dijkstra(self._graph, indices=sources, min_only=True)
         if len(sources) == 1:
             return np.array(self._heat.compute_distance(int(sources[0])))
         return np.array(self._heat.compute_distance_multisource([int(s) for s in sources]))
@@ -71,7 +73,7 @@ class GeodesicSolver:
     def from_each(self, sources: IntArray) -> FloatArray:
         """Return the distance of every vertex to each of some vertices, shape (s, v)."""
         if self._heat is None:
-            return np.asarray(dijkstra(self._graph, indices=sources))
+            return np.asarray(scipy.sparse.csgraph.dijkstra(self._graph, indices=sources))
         return np.stack([self.from_vertex(int(source)) for source in sources])
 
 
@@ -80,18 +82,18 @@ def neighbour_edges(points: FloatArray) -> IntArray:
     num = min(CLOUD_NEIGHBOURS, len(points) - 1)
     if num < 1:
         return np.empty((0, 2), dtype=np.int64)
-    _, neighbours = cKDTree(points).query(points, k=num + 1)
+    _, neighbours = scipy.spatial.cKDTree(points).query(points, k=num + 1)
     pairs = np.column_stack([np.repeat(np.arange(len(points)), num), neighbours[:, 1:].ravel()])
     pairs = np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1)
     return np.column_stack(np.divmod(np.unique(pairs @ [len(points), 1]), len(points)))
 
 
-def edge_graph(vertices: FloatArray, edges: IntArray) -> csr_array:
+def edge_graph(vertices: FloatArray, edges: IntArray) -> scipy.sparse.csr_array:
     """Return the graph along which geodesics run: the symmetric sparse matrix of edge lengths, shape (v, v)."""
     lengths = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
     both = np.concatenate([edges, edges[:, ::-1]])
     entries = (np.concatenate([lengths, lengths]), (both[:, 0], both[:, 1]))
-    return coo_array(entries, shape=(len(vertices),) * 2).tocsr()
+    return scipy.sparse.coo_array(entries, shape=(len(vertices),) * 2).tocsr()
 
 
 def average_geodesic_distance(
@@ -153,13 +155,15 @@ def agd_maxima(agd: FloatArray, solver: GeodesicSolver, *, num: int, radius: flo
 
 
 def _heat_solver(
-    shape: Shape, edges: IntArray, graph: csr_array
+    shape: Shape, edges: IntArray, graph: scipy.sparse.csr_array
 ) -> potpourri3d.MeshHeatMethodDistanceSolver | None:
     """Return the heat method's solver, or None where the mesh is not one it can work on.
 
     It needs one component without stray vertices; its tufted operators take meshes that are not manifold. Its answer
     for one source must agree with the shortest paths along edges as far as those are exact.
     """
+    import potpourri3d  # loads sparse matrices, which a result that is only read does without
+
     num_parts, _ = vertex_components(len(shape.vertices), [edges])
     if num_parts > 1:
         return None
@@ -168,7 +172,7 @@ def _heat_solver(
         distances = np.asarray(solver.compute_distance(0))
     except RuntimeError:
         return None
-    along_edges = dijkstra(graph, indices=0)
+    along_edges = scipy.sparse.csgraph.dijkstra(graph, indices=0)
     is_plausible = np.isfinite(distances).all() and np.median(np.abs(distances - along_edges)) <= (
         HEAT_AGREEMENT * np.median(along_edges)
     )

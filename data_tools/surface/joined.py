@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.surface.shape import Shape
@@ -37,14 +38,15 @@ def joined_surface(mesh: Shape) -> Shape:
     Shape
         Triangles counterclockwise seen from outside.
     """
-    from scipy import ndimage
     from skimage.measure import marching_cubes
 
     corner, size, occupied = _occupied_cells(mesh)
-    sealed = ndimage.binary_dilation(occupied)
-    regions, _ = ndimage.label(~sealed)
-    outside = ndimage.binary_dilation(regions == regions[0, 0, 0], mask=~occupied)
-    distances = ndimage.gaussian_filter(ndimage.distance_transform_edt(outside), SMOOTHING)
+    sealed = scipy.ndimage.binary_dilation(occupied)
+    regions, _ = scipy.ndimage.label(~sealed)
+    outside = scipy.ndimage.binary_dilation(regions == regions[0, 0, 0], mask=~occupied)
+    distances = scipy.ndimage.gaussian_filter(
+        scipy.ndimage.distance_transform_edt(outside), SMOOTHING
+    )
     vertices, faces, _, _ = marching_cubes(  # type: ignore[no-untyped-call]
         distances, DISTANCE, gradient_direction="descent"
     )

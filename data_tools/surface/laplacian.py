@@ -10,9 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import robust_laplacian
-from scipy.sparse import coo_array, csc_array, csc_matrix, diags_array
-from scipy.sparse.linalg import ArpackError, LinearOperator, SuperLU, eigsh, splu
-from scipy.spatial import cKDTree
+import scipy
 
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import InputError
@@ -42,7 +40,7 @@ class SurfaceOperators:
         "cotangent", "tufted" or "point cloud".
     """
 
-    stiffness: csc_array
+    stiffness: scipy.sparse.csc_array
     mass: FloatArray
     kind: str
 
@@ -84,10 +82,14 @@ def cotangent_laplacian(vertices: FloatArray, faces: IntArray) -> SurfaceOperato
     cotangents = _cotangents(vertices, faces)
     rows = faces[:, [1, 2, 0]].ravel()
     cols = faces[:, [2, 0, 1]].ravel()
-    half = coo_array((0.5 * cotangents.ravel(), (rows, cols)), shape=(num, num)).tocsc()
+    half = scipy.sparse.coo_array(
+        (0.5 * cotangents.ravel(), (rows, cols)), shape=(num, num)
+    ).tocsc()
     weights = half + half.T
-    stiffness = diags_array(weights.sum(axis=1)) - weights
-    return SurfaceOperators(csc_array(stiffness), _lumped_areas(vertices, faces), "cotangent")
+    stiffness = scipy.sparse.diags_array(weights.sum(axis=1)) - weights
+    return SurfaceOperators(
+        scipy.sparse.csc_array(stiffness), _lumped_areas(vertices, faces), "cotangent"
+    )
 
 
 def surface_operators(shape: Shape) -> SurfaceOperators:
@@ -125,7 +127,7 @@ def vertex_areas(shape: Shape) -> FloatArray:
     if shape.is_mesh:
         return _lumped_areas(shape.vertices, shape.faces)
     num = min(NUM_CLOUD_NEIGHBOURS, len(shape.vertices) - 1)
-    distances, _ = cKDTree(shape.vertices).query(shape.vertices, k=num + 1)
+    distances, _ = scipy.spatial.cKDTree(shape.vertices).query(shape.vertices, k=num + 1)
     return np.pi * distances[:, -1] ** 2 / num
 
 
@@ -148,10 +150,10 @@ def spectrum(operators: SurfaceOperators, num: int, *, name: str = "shape") -> S
     start = np.random.default_rng(0).standard_normal(num_vertices)
     # M is diagonal: with psi = M^(1/2) phi the problem is a plain one.
     roots = np.sqrt(mass)
-    scaling = diags_array(1.0 / roots)
-    matrix = csc_array(scaling @ operators.stiffness @ scaling)
+    scaling = scipy.sparse.diags_array(1.0 / roots)
+    matrix = scipy.sparse.csc_array(scaling @ operators.stiffness @ scaling)
     try:
-        values, functions = eigsh(
+        values, functions = scipy.sparse.linalg.eigsh(
             matrix,
             k=num + 1,
             sigma=SPECTRUM_SHIFT,
@@ -159,7 +161,7 @@ def spectrum(operators: SurfaceOperators, num: int, *, name: str = "shape") -> S
             tol=1e-9,
             OPinv=_shifted_inverse(matrix),
         )
-    except (ArpackError, RuntimeError) as error:
+    except (scipy.sparse.linalg.ArpackError, RuntimeError) as error:
         raise InputError(
             f"{name}: the eigenfunctions of its surface could not be computed ({error})"
         ) from error
@@ -174,20 +176,28 @@ def spectrum(operators: SurfaceOperators, num: int, *, name: str = "shape") -> S
     )
 
 
-def _shifted_inverse(matrix: csc_array) -> LinearOperator:
+def _shifted_inverse(matrix: scipy.sparse.csc_array) -> scipy.sparse.linalg.LinearOperator:
     """Return the inverse of a positive semidefinite matrix minus the shift."""
-    shifted = csc_array(matrix - SPECTRUM_SHIFT * diags_array(np.ones(matrix.shape[0])))
-    return LinearOperator(matrix.shape, matvec=factor_symmetric(shifted).solve, dtype=np.float64)
+    shifted = scipy.sparse.csc_array(
+        matrix - SPECTRUM_SHIFT * scipy.sparse.diags_array(np.ones(matrix.shape[0]))
+    )
+    return scipy.sparse.linalg.LinearOperator(
+        matrix.shape, matvec=factor_symmetric(shifted).solve, dtype=np.float64
+    )
 
 
-def factor_symmetric(matrix: csc_array | csc_matrix) -> SuperLU:
+def factor_symmetric(
+    matrix: scipy.sparse.csc_array | scipy.sparse.csc_matrix,
+) -> scipy.sparse.linalg.SuperLU:
     """Factor a symmetric positive definite matrix.
 
     Ordered for symmetric matrices and without pivoting, which a positive definite one does not need, the factors have
     half the entries of those that SuperLU finds by default.
     """
     options = {"SymmetricMode": True}
-    return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+    return scipy.sparse.linalg.splu(
+        matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options
+    )
 
 
 def _cotangents(vertices: FloatArray, faces: IntArray) -> FloatArray:
@@ -222,7 +232,7 @@ def _tufted_operators(shape: Shape) -> SurfaceOperators:
             f"{shape.name}: no {kind} Laplacian can be built, because its points are not on a surface. "
             "They are on a line, or around a single triangle"
         ) from None
-    return SurfaceOperators(csc_array(stiffness), np.array(mass.diagonal()), kind)
+    return SurfaceOperators(scipy.sparse.csc_array(stiffness), np.array(mass.diagonal()), kind)
 
 
 def _is_good(vertices: FloatArray, faces: IntArray) -> bool:

@@ -6,10 +6,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
-from scipy.special import stdtr
+import scipy
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only, sums_by_owner
 from data_tools.notes import Note
@@ -118,11 +115,13 @@ def _strays(points: FloatArray, kept: BoolArray, fewest_points: int) -> BoolArra
     if kept.sum() < fewest_points:
         return strays
     cloud = points[kept]
-    tree = cKDTree(cloud)
+    tree = scipy.spatial.cKDTree(cloud)
     reaches, nearest = tree.query(cloud, k=STRAYS.num_nearest + 1)
     ends = np.repeat(np.arange(len(cloud)), STRAYS.num_nearest), nearest[:, 1:].ravel()
-    among = coo_array((np.ones(len(ends[0])), ends), shape=(len(cloud), len(cloud))).tocsr()
-    piece = connected_components(among.multiply(among.T), directed=False)[1]
+    among = scipy.sparse.coo_array(
+        (np.ones(len(ends[0])), ends), shape=(len(cloud), len(cloud))
+    ).tocsr()
+    piece = scipy.sparse.csgraph.connected_components(among.multiply(among.T), directed=False)[1]
     alone = piece != np.bincount(piece).argmax()
     alone &= reaches[:, -1] > STRAYS.reach * np.median(reaches[:, -1])
     if 0.0 < alone.mean() <= STRAYS.largest_share:
@@ -132,7 +131,7 @@ def _strays(points: FloatArray, kept: BoolArray, fewest_points: int) -> BoolArra
     return strays
 
 
-def _off_plane(tree: cKDTree, places: FloatArray) -> FloatArray:
+def _off_plane(tree: scipy.spatial.cKDTree, places: FloatArray) -> FloatArray:
     """Return how far points (n, 3) of a cloud are from the plane through their neighbours, over how far these are."""
     reaches, nearest = tree.query(places, k=2 * STRAYS.num_nearest + 1)
     neighbours = tree.data[nearest[:, 1:]]
@@ -295,7 +294,7 @@ def _are_apart(apart: FloatArray, others: FloatArray, sign: int) -> bool:
     if not likely or apart[0] - others[-1] < APART.gap * (others[-1] - others[0]):
         return False
     deviation = max(float(others.std(ddof=1)), _LEAST_DEVIATION) * np.sqrt(1.0 + 1.0 / num)
-    tail = stdtr(num - 1, (others.mean() - apart[0]) / deviation)  # of Student's t
+    tail = scipy.special.stdtr(num - 1, (others.mean() - apart[0]) / deviation)  # of Student's t
     return bool((num + len(apart)) * tail < APART.p)
 
 
@@ -317,13 +316,11 @@ def odd_for_covariate(sizes: FloatArray, covariate: FloatArray) -> dict[int, flo
     dict of int to float, or None
         By position; None where sizes do not follow the covariate.
     """
-    from scipy import stats
-
     known = np.flatnonzero(np.isfinite(covariate) & (sizes > 0))
     values, logs = covariate[known], np.log(sizes[known])
     if len(known) <= _FEWEST_OTHERS or np.ptp(values) == 0 or np.ptp(logs) == 0:
         return None
-    correlation = stats.spearmanr(values, logs).statistic
+    correlation = scipy.stats.spearmanr(values, logs).statistic
     if abs(correlation) < APART.correlation:
         return None
     above, rest = np.full((2, len(known)), -np.inf), np.empty(len(known))
@@ -339,10 +336,10 @@ def odd_for_covariate(sizes: FloatArray, covariate: FloatArray) -> dict[int, flo
         rest[at] = logs[at] - np.median(logs[np.concatenate(beside)])
     fits = [rest]
     for along in (values, np.log(values)) if values.min() > 0 else (values,):
-        off = logs - stats.theilslopes(logs, along).slope * along
+        off = logs - scipy.stats.theilslopes(logs, along).slope * along
         fits.append(off - np.median(off))
     rest = min(fits, key=lambda one: float(np.median(np.abs(one))))
-    deviation = float(stats.median_abs_deviation(rest, scale="normal"))
+    deviation = float(scipy.stats.median_abs_deviation(rest, scale="normal"))
     limit = max(float(np.log(APART.least)), APART.deviations * deviation)
     odd = ((above[0] > 0) & (rest > limit)) | ((above[1] > 0) & (rest < -limit))
     return {int(known[at]): float(np.exp(rest[at])) for at in np.flatnonzero(odd)}

@@ -7,7 +7,7 @@ from typing import TypeAlias
 
 import numba
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from data_tools.arrays import FloatArray, IntArray
 
@@ -32,7 +32,7 @@ def fast_point_features(
     num_bins : int
         Bins of each angle.
     """
-    pairs = cKDTree(points).query_pairs(radius, output_type="ndarray")
+    pairs = scipy.spatial.cKDTree(points).query_pairs(radius, output_type="ndarray")
     # Copies: of arrays that must not be written Numba would compile another version.
     return _histograms(np.array(points), np.array(normals), pairs, num_bins)
 

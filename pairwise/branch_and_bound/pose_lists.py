@@ -12,10 +12,8 @@ from dataclasses import dataclass, replace
 from typing import Unpack
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import OptionsError
@@ -229,13 +227,13 @@ def _touching(rotations: FloatArray, radii: FloatArray) -> list[IntArray]:
     if not len(radii):
         return []
     reach = 2.0 * np.sqrt(2.0) * np.sin(0.5 * min(2.0 * float(radii.max()), np.pi))
-    pairs = cKDTree(rotations.reshape(len(rotations), -1)).query_pairs(
+    pairs = scipy.spatial.cKDTree(rotations.reshape(len(rotations), -1)).query_pairs(
         reach * (1.0 + 1e-9), output_type="ndarray"
     )
     first, second = pairs[:, 0], pairs[:, 1]
     close = rotation_angles(rotations[first], rotations[second]) <= radii[first] + radii[second]
-    graph = coo_array(
+    graph = scipy.sparse.coo_array(
         (np.ones(int(close.sum())), (first[close], second[close])), shape=(len(radii), len(radii))
     )
-    num, labels = connected_components(graph, directed=False)
+    num, labels = scipy.sparse.csgraph.connected_components(graph, directed=False)
     return [np.flatnonzero(labels == label) for label in range(num)]

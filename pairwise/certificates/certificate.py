@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray, as_points, read_only
 from data_tools.errors import InputError
@@ -227,7 +226,14 @@ def _check_blocks(pattern: BoolArray, blocks: IntArray) -> None:
 
 def _num_left_over(allowed: BoolArray) -> int:
     """Return how many columns a largest matching leaves out."""
-    return int((maximum_bipartite_matching(csr_array(allowed), perm_type="row") < 0).sum())
+    return int(
+        (
+            scipy.sparse.csgraph.maximum_bipartite_matching(
+                scipy.sparse.csr_array(allowed), perm_type="row"
+            )
+            < 0
+        ).sum()
+    )
 
 
 #: Written into every file; a file of another version is refused.

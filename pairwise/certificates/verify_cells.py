@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import scipy
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
@@ -112,7 +112,7 @@ def _chirality_bound(
     for first in range(0, len(rotations), chunk):
         rotated = rotations[first : first + chunk] * signs
         costs = np.where(problem.allowed, fixed - 2.0 * (q @ rotated @ (w[:, None] * p).T), np.inf)
-        assigned = [cost[linear_sum_assignment(cost)].sum() for cost in costs]
+        assigned = [cost[scipy.optimize.linear_sum_assignment(cost)].sum() for cost in costs]
         values[first : first + chunk] = np.array(assigned) - (rotated * tilt).sum(axis=(1, 2))
     sizes = (squares + np.abs(problem.constant_cost)).sum(axis=0).max() * (
         len(p) + len(q)

@@ -18,9 +18,8 @@ lambda is a proven lower bound of the smallest eigenvalue of F (Rump, Verificati
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.errors import InputError
@@ -107,7 +106,14 @@ def _rotation_basis(mask: BoolArray, special_blocks: tuple[tuple[int, int], ...]
 
 def _in_perfect_matching(mask: BoolArray, row: int, col: int) -> bool:
     minor = np.delete(np.delete(mask, row, axis=0), col, axis=1)
-    return bool((maximum_bipartite_matching(csr_array(minor), perm_type="row") >= 0).all())
+    return bool(
+        (
+            scipy.sparse.csgraph.maximum_bipartite_matching(
+                scipy.sparse.csr_array(minor), perm_type="row"
+            )
+            >= 0
+        ).all()
+    )
 
 
 def _rotation_maximum(
@@ -231,7 +237,12 @@ def _possible_matches(problem: Problem, given: CertificateArrays) -> BoolArray:
     possible = candidates.copy()
     for i, j in impossible:
         rest = np.delete(np.delete(candidates, i, axis=0), j, axis=1)
-        if (maximum_bipartite_matching(csr_array(rest), perm_type="row") >= 0).all():
+        if (
+            scipy.sparse.csgraph.maximum_bipartite_matching(
+                scipy.sparse.csr_array(rest), perm_type="row"
+            )
+            >= 0
+        ).all():
             raise InputError(
                 f"certificate: lists the possible match of source point {j} to {i} as impossible"
             )
@@ -243,7 +254,12 @@ def _check_always_used(problem: Problem, target_points: NDArray[np.int64]) -> No
     """Refuse target points without which a map of all source points is left."""
     for i in target_points:
         rest = np.delete(problem.allowed, i, axis=0)
-        if (maximum_bipartite_matching(csr_array(rest), perm_type="row") >= 0).all():
+        if (
+            scipy.sparse.csgraph.maximum_bipartite_matching(
+                scipy.sparse.csr_array(rest), perm_type="row"
+            )
+            >= 0
+        ).all():
             raise InputError(f"certificate: row_u has target point {i}, which a map can leave out")
 
 

@@ -14,8 +14,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from data_tools.arrays import FloatArray
 from data_tools.local_surface import MOST_COMPARED, LocalSurface
@@ -78,7 +78,7 @@ def _directions() -> _Directions:
     )
     steps = (np.arange(TUNED.num_cells) + 0.5) * 2.0 / TUNED.num_cells - 1.0
     cube = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1)
-    nearest = cKDTree(fine).query(cube)[1].astype(np.int16)
+    nearest = scipy.spatial.cKDTree(fine).query(cube)[1].astype(np.int16)
     rotations = rotation_set(3, TUNED.num_rotations)
     cells = np.floor((coarse @ rotations + 1.0) * (0.5 * TUNED.num_cells)).astype(np.int64)
     cells = np.clip(cells, 0, TUNED.num_cells - 1)

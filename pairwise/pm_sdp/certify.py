@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from data_tools.arrays import BoolArray, FloatArray, read_only
 from data_tools.errors import InputError
@@ -140,7 +140,7 @@ def _potentials(
     costs -= ((w @ np.swapaxes(inverse_factor, 1, 2)) ** 2).sum(axis=2).T
     costs = np.where(_support(data), costs, np.inf)
     n, k = costs.shape
-    taken, columns = linear_sum_assignment(costs)
+    taken, columns = scipy.optimize.linear_sum_assignment(costs)
     rows = np.empty(k, dtype=np.int64)
     rows[columns] = taken
     extra = costs - costs[rows, np.arange(k)]

@@ -26,7 +26,7 @@ from typing import Any
 
 import cvxpy as cp
 import numpy as np
-from scipy.sparse import coo_array, csr_array
+import scipy
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from pairwise.pm_sdp.data import RelaxationData
@@ -174,8 +174,8 @@ def rotation_constraints(lifted: LiftedRotation, c: Any, rho: Any) -> tuple[Any,
     return moments, hulls
 
 
-def _incidence(labels: IntArray, num: int) -> csr_array:
+def _incidence(labels: IntArray, num: int) -> scipy.sparse.csr_array:
     """Return the (num, m) matrix that sums matches with the same label."""
-    return coo_array(
+    return scipy.sparse.coo_array(
         (np.ones(len(labels)), (labels, np.arange(len(labels)))), shape=(num, len(labels))
     ).tocsr()

@@ -13,7 +13,7 @@ from typing import Any
 
 import cvxpy as cp
 import numpy as np
-from scipy.optimize import minimize_scalar
+import scipy
 
 from data_tools.arrays import FloatArray, read_only
 from pairwise.certificates.certificate import Certificate
@@ -175,7 +175,7 @@ def certify_model(model: CvxpyModel) -> Certificate:
         y, _ = basis.split(basis.sum_of_points(data.lifted, moved, u, g, Y))
         return certify_dual(model.problem, data, F=moved, u=u, g=g, y=y, Y=Y)
 
-    found = minimize_scalar(
+    found = scipy.optimize.minimize_scalar(
         lambda power: -shifted(power).bound,
         bounds=_SHIFTS,
         method="bounded",

@@ -18,8 +18,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
-from scipy.sparse.csgraph import connected_components
+import scipy
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.errors import InputError
@@ -76,12 +75,12 @@ class RelaxationData:
         return self.is_full and self.valid.shape[1] == self.num_rows
 
     @cached_property
-    def incidence(self) -> csr_array:
+    def incidence(self) -> scipy.sparse.csr_array:
         """Sparse (n, k c) matrix that sums matches over their rows."""
         source, slot = np.nonzero(self.valid)
         columns = source * self.valid.shape[1] + slot
         ones = np.ones(len(columns))
-        return csr_array(
+        return scipy.sparse.csr_array(
             (ones, (self.index[source, slot], columns)), shape=(self.num_rows, self.valid.size)
         )
 
@@ -102,7 +101,9 @@ class RelaxationData:
         k, n = len(self.index), self.num_rows
         source, slot = np.nonzero(self.valid)
         edges = (np.ones(len(source)), (source, k + self.index[source, slot]))
-        count, labels = connected_components(coo_array(edges, shape=(k + n, k + n)), directed=False)
+        count, labels = scipy.sparse.csgraph.connected_components(
+            scipy.sparse.coo_array(edges, shape=(k + n, k + n)), directed=False
+        )
         row_labels = labels[k:]
         closed = np.ones(count, dtype=bool)
         closed[row_labels[~self.equality]] = False

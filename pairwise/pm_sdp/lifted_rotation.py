@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import qr
+import scipy
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from pairwise.problem import assignment_support
@@ -220,7 +220,9 @@ def _independent_equations(
             labels.append(label)
     upper = np.triu_indices(size)
     stacked = np.stack(matrices)
-    _, triangle, order = qr(stacked[:, upper[0], upper[1]].T, mode="economic", pivoting=True)
+    _, triangle, order = scipy.linalg.qr(
+        stacked[:, upper[0], upper[1]].T, mode="economic", pivoting=True
+    )
     pivots = np.abs(np.diag(triangle))
     kept = np.sort(order[: len(pivots)][pivots > _RANK_TOL * pivots[0]])
     return stacked[kept], tuple(labels[m] for m in kept)

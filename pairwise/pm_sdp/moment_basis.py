@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import lapack, solve_triangular
+import scipy
 
 from data_tools.arrays import FloatArray, IntArray
 from pairwise.pm_sdp.lifted_rotation import LiftedRotation
@@ -27,7 +27,7 @@ def cauchy_factors(values: FloatArray) -> list[FloatArray]:
     scaled = roots * np.swapaxes(roots, 1, 2) / (values[..., None] + values[:, None])
     factors = []
     for matrix, root in zip(np.triu(scaled), roots, strict=True):
-        lower, pivots, rank, _ = lapack.dpstrf(matrix.T, lower=1)
+        lower, pivots, rank, _ = scipy.linalg.lapack.dpstrf(matrix.T, lower=1)
         factor = np.empty((len(root), rank))
         factor[pivots - 1] = lower[:, :rank]
         factors.append(factor / root)
@@ -60,7 +60,7 @@ class MomentBasis:
         self.num_equations = len(equations)
         self.constants = equations[:, 0, 0]
         packed = np.asfortranarray(self.pack(equations).T)
-        self._reflectors, self._tau, _, _ = lapack.dgeqrf(packed)
+        self._reflectors, self._tau, _, _ = scipy.linalg.lapack.dgeqrf(packed)
 
     @property
     def num_coordinates(self) -> int:
@@ -165,12 +165,14 @@ class MomentBasis:
         """Return y (e,) such that ``sum_m y_m A_m`` is nearest to a vector (m,), and the vector's other part."""
         rotated = self._rotate(coordinates[:, None], "T")[:, 0]
         inside, outside = rotated[: self.num_equations], rotated[self.num_equations :]
-        return lapack.dtrtrs(self._reflectors[: self.num_equations], inside)[0], outside
+        return scipy.linalg.lapack.dtrtrs(self._reflectors[: self.num_equations], inside)[
+            0
+        ], outside
 
     def correction(self, violations: FloatArray) -> FloatArray:
         """Return the shortest vector (m,) with ``<A_m, vector> = violations_m``."""
         padded = np.zeros(self.num_coordinates)
-        padded[: self.num_equations] = solve_triangular(
+        padded[: self.num_equations] = scipy.linalg.solve_triangular(
             self._reflectors[: self.num_equations], violations, trans="T"
         )
         return self._rotate(padded[:, None], "N")[:, 0]
@@ -180,7 +182,7 @@ class MomentBasis:
     ) -> FloatArray:
         """Apply the Householder reflections of the equations' QR factorisation."""
         lwork = 64 * max(columns.shape)
-        rotated, _, info = lapack.dormqr(
+        rotated, _, info = scipy.linalg.lapack.dormqr(
             side, trans, self._reflectors, self._tau, columns, lwork, overwrite_c=overwrite
         )
         if info != 0:

@@ -16,7 +16,7 @@ What remains is a positive definite system in the moments dM (within the null sp
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import lapack
+import scipy
 
 from data_tools.arrays import FloatArray
 from pairwise.pm_sdp.data import RelaxationData
@@ -203,7 +203,7 @@ class NewtonSystem:
 
 def _factor(matrix: FloatArray) -> FloatArray:
     """Return the lower Cholesky factor."""
-    factor, info = lapack.dpotrf(matrix, lower=True)
+    factor, info = scipy.linalg.lapack.dpotrf(matrix, lower=True)
     if info != 0:
         raise np.linalg.LinAlgError("not positive definite")
     return factor
@@ -211,12 +211,12 @@ def _factor(matrix: FloatArray) -> FloatArray:
 
 def _solve(factor: FloatArray, rhs: FloatArray) -> FloatArray:
     """Solve a system whose lower Cholesky factor is given."""
-    return lapack.dpotrs(factor, rhs, lower=True)[0]
+    return scipy.linalg.lapack.dpotrs(factor, rhs, lower=True)[0]
 
 
 def _solve_lower(factor: FloatArray, rhs: FloatArray) -> FloatArray:
     """Solve a lower triangular system of several right hand sides."""
-    return lapack.dtrtrs(factor, rhs, lower=True)[0]
+    return scipy.linalg.lapack.dtrtrs(factor, rhs, lower=True)[0]
 
 
 def _quaternion_operators(primal: FloatArray, dual: FloatArray) -> tuple[FloatArray, FloatArray]:

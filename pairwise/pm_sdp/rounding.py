@@ -9,7 +9,7 @@ apart. All starts are returned as matrices whose projection
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import scipy
 
 from data_tools.arrays import FloatArray, IntArray
 from pairwise.problem import Problem
@@ -54,7 +54,7 @@ def rank_one_factors(relaxation: RelaxationResult) -> tuple[FloatArray, FloatArr
 def nearest_map(problem: Problem, probabilities: FloatArray) -> IntArray:
     """Return the allowed map of largest total probability (n, k), shape (k,), by exact assignment."""
     scores = np.where(problem.allowed, probabilities, -np.inf)
-    return np.asarray(linear_sum_assignment(scores.T, maximize=True)[1])
+    return np.asarray(scipy.optimize.linear_sum_assignment(scores.T, maximize=True)[1])
 
 
 def draw_rotations(

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
 from data_tools.arrays import FloatArray
 from pairwise.pm_sdp.data import RelaxationData
@@ -152,7 +152,7 @@ def inverse_factors(factors: NDArray[np.floating[Any]]) -> FloatArray:
     """Return the inverses of lower triangular matrices (q, a, a): LAPACK's, twice as fast as the general ones."""
     inverses = np.empty(factors.shape)
     for inverse, factor in zip(inverses, factors, strict=True):
-        inverse[:] = lapack.dtrtri(factor.T)[0].T
+        inverse[:] = scipy.linalg.lapack.dtrtri(factor.T)[0].T
     return inverses
 
 

@@ -16,8 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import reverse_cuthill_mckee
+import scipy
 
 from collalign.output.collection_data import CollectionData
 from collalign.output.provenance import option_words, shape_words
@@ -52,8 +51,8 @@ def page_members(collection: CollectionData) -> list[IntArray]:
     agreeing = [(pair.target, pair.source) for pair in collection.pairs if pair.inlier]
     ends = np.array(agreeing, dtype=np.int64).reshape(-1, 2)
     rows, cols = np.concatenate([ends, ends[:, ::-1]]).T
-    graph = coo_array((np.ones(len(rows)), (rows, cols)), shape=(num, num)).tocsr()
-    order = reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.int64)
+    graph = scipy.sparse.coo_array((np.ones(len(rows)), (rows, cols)), shape=(num, num)).tocsr()
+    order = scipy.sparse.csgraph.reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.int64)
     num_pages = -(-num // MOST_ON_PAGE)
     return [np.sort(members) for members in np.array_split(order, num_pages)]
 

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from data_tools.arrays import FloatArray, IntArray
@@ -91,13 +92,11 @@ def _quantise(points: FloatArray, centre: FloatArray, step: float) -> NDArray[np
 
 def quaternions(rotations: FloatArray) -> tuple[FloatArray, NDArray[np.uint8]]:
     """Return rotations (m, 3, 3) as the browser gets them: unit quaternions (m, 4), and which are times -1."""
-    from scipy.spatial.transform import Rotation
-
     if not len(rotations):
         return np.empty((0, 4)), np.empty(0, dtype=np.uint8)
     mirrored = np.linalg.det(rotations) < 0
     proper = np.where(mirrored[:, None, None], -rotations, rotations)
-    return Rotation.from_matrix(proper).as_quat(), mirrored.astype(np.uint8)
+    return scipy.spatial.transform.Rotation.from_matrix(proper).as_quat(), mirrored.astype(np.uint8)
 
 
 def sample_colors(aligned: FloatArray) -> FloatArray:

@@ -6,9 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from scipy.cluster.hierarchy import cophenet, leaves_list, linkage
-from scipy.spatial import cKDTree
-from scipy.spatial.distance import squareform
+import scipy
 
 from collalign.analysis.procrustes import classical_mds, common_labels, procrustes_distances
 from collalign.output.collection_data import CollectionData
@@ -85,9 +83,9 @@ def shape_map(collection: CollectionData) -> dict[str, Any]:
             "problem": "No map: it needs shapes that have three or more sample points in common."
         }
     coordinates, shares = classical_mds(distances)
-    condensed = squareform(distances, checks=False)
-    joined = linkage(condensed, method="average")
-    heights = cophenet(joined)
+    condensed = scipy.spatial.distance.squareform(distances, checks=False)
+    joined = scipy.cluster.hierarchy.linkage(condensed, method="average")
+    heights = scipy.cluster.hierarchy.cophenet(joined)
     is_flat = min(np.ptp(condensed), np.ptp(heights)) <= 0
     return {
         "members": members.tolist(),
@@ -101,7 +99,7 @@ def shape_map(collection: CollectionData) -> dict[str, Any]:
         + " ".join(map(note_text, who.notes)),
         "tree": {
             "linkage": joined[:, :3].tolist(),
-            "order": leaves_list(joined).tolist(),
+            "order": scipy.cluster.hierarchy.leaves_list(joined).tolist(),
             "correlation": None if is_flat else float(np.corrcoef(condensed, heights)[0, 1]),
         },
     }
@@ -135,7 +133,7 @@ Meshes = dict[str, tuple[dict[str, Any], str]]
 
 def counterparts_on(vertices: FloatArray, faces: IntArray) -> Callable[[FloatArray], BoolArray]:
     """Return a function that says which places (p, 3) have a counterpart on a mesh (v, 3), (f, 3)."""
-    tree, on_rim = cKDTree(vertices), np.zeros(len(vertices), dtype=bool)
+    tree, on_rim = scipy.spatial.cKDTree(vertices), np.zeros(len(vertices), dtype=bool)
     if len(faces):
         on_rim[boundary_edges(faces).ravel()] = True
     else:

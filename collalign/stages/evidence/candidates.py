@@ -11,8 +11,7 @@ from functools import lru_cache
 from typing import Any, TypeAlias
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
-from scipy.spatial.distance import cdist
+import scipy
 
 from collalign.confidence.candidate_model import EVIDENCE, evidence_score
 from collalign.confidence.map_model import Evidence
@@ -55,7 +54,9 @@ class PoseWeigher:
 
     def __init__(self, target: Samples, source: Samples, mapper: PoseMapper) -> None:
         self._target, self._source, self._mapper = target, source, mapper
-        self._fixed_costs = cdist(source.invariants, target.invariants, "sqeuclidean")
+        self._fixed_costs = scipy.spatial.distance.cdist(
+            source.invariants, target.invariants, "sqeuclidean"
+        )
 
     def candidate_from(self, start: FloatArray) -> WeighedPose:
         """Return the pose of the map that a pose (3, 3) leads to, with its evidence."""
@@ -83,10 +84,12 @@ class PoseWeigher:
         """Return the pose of determinant ``chirality`` that a map asks for, with the evidence of both."""
         rotation = self._mapper.rotation_of(found, chirality=chirality)
         costs = (
-            cdist(self._source.positions @ rotation.T, self._target.positions, "sqeuclidean")
+            scipy.spatial.distance.cdist(
+                self._source.positions @ rotation.T, self._target.positions, "sqeuclidean"
+            )
             + self._fixed_costs
         )
-        rows, columns = linear_sum_assignment(costs)
+        rows, columns = scipy.optimize.linear_sum_assignment(costs)
         evidence = vars(of_map) | {
             "energy": float(costs[rows, columns].sum()),
             "surface": self._mapper.surface_gap(rotation),

@@ -12,9 +12,7 @@ from itertools import combinations
 from typing import TypeAlias
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
-from scipy.spatial import cKDTree
-from scipy.spatial.distance import cdist
+import scipy
 
 from collalign.confidence.incomplete_model import KNOWN_SIZES, log_odds, share_of_best
 from collalign.engine.records import Record
@@ -198,7 +196,7 @@ def pose_evidence(
         [one[best][has[best]] for one, has in zip(excess, shared, strict=True)]
     )
     roughness = max(float(np.median(everywhere)), 0.0) if len(everywhere) else 0.0
-    tree = cKDTree(source.points)
+    tree = scipy.spatial.cKDTree(source.points)
     others, lacking = np.zeros((2, len(own)))
     for target, one, has in zip(targets, excess, shared, strict=True):
         clipped = np.clip(one - roughness, *EXCESS_RANGE)
@@ -254,9 +252,11 @@ def nearest_labels(positions: FloatArray, consensus: FloatArray) -> IntArray:
     A one-to-one assignment of least squared distance in which leaving a sample out costs the squared distance that
     points of the consensus lie apart.
     """
-    spacing = float(np.median(cKDTree(consensus).query(consensus, k=2)[0][:, 1]))
-    costs = np.minimum(cdist(positions, consensus, "sqeuclidean"), spacing**2)
-    rows, columns = linear_sum_assignment(costs)
+    spacing = float(np.median(scipy.spatial.cKDTree(consensus).query(consensus, k=2)[0][:, 1]))
+    costs = np.minimum(
+        scipy.spatial.distance.cdist(positions, consensus, "sqeuclidean"), spacing**2
+    )
+    rows, columns = scipy.optimize.linear_sum_assignment(costs)
     labels = np.full(len(positions), -1, dtype=np.int64)
     is_near = costs[rows, columns] < spacing**2
     labels[rows[is_near]] = columns[is_near]

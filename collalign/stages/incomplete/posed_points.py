@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from collalign.confidence.incomplete_model import BEYOND
 from collalign.engine.job import Job, Results
@@ -78,7 +78,7 @@ def beyond_rim(
     surface: PartialSurface, partners: Sequence[PartialSurface], pose: Similarity
 ) -> float:
     """Return the share of its partners' points that lie beyond a surface's rim at the first pose, their median."""
-    tree, shares = cKDTree(pose.apply(surface.points)[0]), []
+    tree, shares = scipy.spatial.cKDTree(pose.apply(surface.points)[0]), []
     for partner in partners:
         distances, nearest = tree.query(partner.points)
         shares.append(

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.distance import cdist
+import scipy
 
 from collalign.confidence.kind_model import LEAST_FREE_SPLIT, kin_log_odds, part_log_odds
 from collalign.options import AlignSession
@@ -136,7 +136,7 @@ def _with_others(
     Those of a known kind stay with its shapes.
     """
     descriptors = np.stack([shape_descriptor(one) for one in shapes.samples])
-    distances = cdist(descriptors, descriptors[told])
+    distances = scipy.spatial.distance.cdist(descriptors, descriptors[told])
     if known is not None:
         is_own = (known[:, None] == known[told]) & (known[:, None] >= 0)
         distances[~is_own & is_own.any(axis=1, keepdims=True)] = np.inf

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import expit
+import scipy
 
 from collalign.confidence.kind_model import FEW, MOST_KIN, split_log_odds
 from data_tools.arrays import BoolArray, FloatArray, IntArray
@@ -42,7 +42,7 @@ class Grouping:
     @property
     def confidence(self) -> FloatArray:
         """How likely each group is a kind of its own, shape (K,); 1 for a single one."""
-        return np.asarray(expit(self.splits.min(axis=1)))
+        return np.asarray(scipy.special.expit(self.splits.min(axis=1)))
 
 
 def group_shapes(

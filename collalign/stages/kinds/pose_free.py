@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.distance import cdist
+import scipy
 
 from collalign.stages.choose_pairs import shape_descriptor
 from data_tools.arrays import BoolArray, FloatArray
@@ -34,7 +34,9 @@ class KindDescriptors:
 
     def distances(self) -> tuple[FloatArray, FloatArray]:
         """Return the distances of all pairs by each descriptor, both of shape (N, N)."""
-        return cdist(self.shells, self.shells), cdist(self.descriptors, self.descriptors)
+        return scipy.spatial.distance.cdist(self.shells, self.shells), scipy.spatial.distance.cdist(
+            self.descriptors, self.descriptors
+        )
 
 
 def are_described(samples: Sequence[Samples]) -> BoolArray:

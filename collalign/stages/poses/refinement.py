@@ -12,8 +12,7 @@ from collections.abc import Mapping, Sequence
 
 import networkx as nx
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+import scipy
 
 from collalign.engine.job import Shared, table_of_values
 from collalign.engine.records import Record, from_record
@@ -125,8 +124,10 @@ def refine_poses(
 
 def _loose(edges: IntArray, num: int, fixed: Mapping[int, FloatArray]) -> list[int]:
     """Return the first shape of each part that the edges (e, 2) connect, where none of the part is fixed."""
-    links = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(num, num))
-    parts = connected_components(links, directed=False)[1]
+    links = scipy.sparse.coo_array(
+        (np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(num, num)
+    )
+    parts = scipy.sparse.csgraph.connected_components(links, directed=False)[1]
     firsts = np.unique(parts, return_index=True)[1]
     return np.setdiff1d(firsts, firsts[parts[list(fixed)]]).tolist()
 

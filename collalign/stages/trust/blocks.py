@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.cluster.hierarchy import linkage
-from scipy.spatial.distance import squareform
+import scipy
 
 from data_tools.arrays import FloatArray, IntArray
 
@@ -66,7 +65,9 @@ def _clusters(rises: FloatArray, sums: FloatArray) -> Iterator[tuple[IntArray, F
     both = rises + rises.T
     distances = both.max() - both
     np.fill_diagonal(distances, 0.0)
-    merges = linkage(squareform(distances, checks=False), method="average")[:, :2].astype(np.intp)
+    merges = scipy.cluster.hierarchy.linkage(
+        scipy.spatial.distance.squareform(distances, checks=False), method="average"
+    )[:, :2].astype(np.intp)
     clusters = [(np.array([shape]), np.zeros(len(sums))) for shape in range(len(rises))]
     for first, second in merges:
         yield from (clusters[first], clusters[second])

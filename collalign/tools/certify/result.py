@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
-from scipy.spatial.transform import Rotation
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray, one_line
 from pairwise.problem import Problem
@@ -162,7 +161,9 @@ class PairEnergies:
                 (self.num_shapes, 3)
             )
             vectors *= (rng.random(self.num_shapes) < rng.choice(_SHARES))[:, None]
-            found = self.descend(best[0] @ Rotation.from_rotvec(vectors).as_matrix())
+            found = self.descend(
+                best[0] @ scipy.spatial.transform.Rotation.from_rotvec(vectors).as_matrix()
+            )
             best = min(best, found, key=lambda one: one[1])
         return best
 
@@ -177,7 +178,7 @@ class PairEnergies:
         energies, moments = [], []
         for problem, rotation in zip(self.problems, self.relative(frames), strict=True):
             costs = problem.assignment_costs(rotation).T
-            rows, columns = linear_sum_assignment(costs)
+            rows, columns = scipy.optimize.linear_sum_assignment(costs)
             energies.append(costs[rows, columns].sum())
             moments.append(
                 problem.target[columns].T @ (problem.weights[rows, None] * problem.source[rows])

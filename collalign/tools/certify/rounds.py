@@ -20,9 +20,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import eigh
-from scipy.spatial.transform import Rotation
 
 from collalign.engine.job import Job, Wanted
 from collalign.options import AlignSession
@@ -208,7 +207,9 @@ def _positive_part(blocks: FloatArray) -> FloatArray:
     """Return the nearest positive semidefinite matrix, from its positive eigenvalues alone: its rank is low."""
     size = blocks.shape[0] * blocks.shape[1]
     matrix = blocks.reshape(size, size)
-    values, vectors = eigh(0.5 * (matrix + matrix.T), subset_by_value=(0.0, np.inf), driver="evr")
+    values, vectors = scipy.linalg.eigh(
+        0.5 * (matrix + matrix.T), subset_by_value=(0.0, np.inf), driver="evr"
+    )
     return np.asarray(((vectors * values) @ vectors.T).reshape(blocks.shape))
 
 
@@ -383,7 +384,7 @@ def _descend(
     for _ in range(int(np.clip(TUNED.descent_pairs // len(relative), 1, TUNED.most_descents))):
         if time.monotonic() >= deadline:
             break
-        rotations = Rotation.from_rotvec(
+        rotations = scipy.spatial.transform.Rotation.from_rotvec(
             TUNED.jitter_rad * rng.standard_normal((TUNED.num_jittered, 3))
         ).as_matrix()
         far = starts[rng.choice(len(starts), TUNED.num_far)]

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
+import scipy
 from cyclopts import Parameter
-from scipy.spatial import cKDTree
 
 from collalign.console.help import Flag
 from collalign.console.messages import add_to_summary, say, say_files
@@ -286,7 +286,9 @@ def _write_rigid(
     with OutputFolder.open(out, writer=WRITER) as output:
         output.stage_text(json.dumps(found.record(), indent=1), "match.json")
         left, right = read_alike((target, source), cleaning)
-        nearest = cKDTree(left.vertices).query(right.transformed(found.transform).vertices)[1]
+        nearest = scipy.spatial.cKDTree(left.vertices).query(
+            right.transformed(found.transform).vertices
+        )[1]
         write_picture(output.stage("match.png"), match_picture(left, right, nearest))
         say_files(output.publish())
 

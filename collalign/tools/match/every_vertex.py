@@ -10,8 +10,7 @@ to it then is on the rim, and not near.
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse.csgraph import dijkstra
-from scipy.spatial import cKDTree
+import scipy
 
 from collalign.nonrigid.functional_map import FunctionalMap, HarmonicRefiner
 from collalign.nonrigid.portfolio import Refined, has_normals
@@ -95,7 +94,7 @@ def _goals(
     kept = depth >= min(RIM_REACH, float(np.median(depth)))
     places, goals = moving.vertices[at[kept]], fixed.vertices[to[kept]]
     first, last = SIZE_NEIGHBOURS
-    distances, neighbours = cKDTree(places).query(places, last + 1)
+    distances, neighbours = scipy.spatial.cKDTree(places).query(places, last + 1)
     stretched = np.linalg.norm(goals[neighbours] - goals[:, None], axis=2)
     ratios = stretched[:, first:] / distances[:, first:]
     return (at[kept], goals), float(np.median(ratios))
@@ -107,7 +106,9 @@ def _depth(spectral: SpectralShape) -> FloatArray:
     rim = np.flatnonzero(rim_of(spectral.working_shape))
     if not len(rim):
         return np.full(len(spectral.vertices), np.inf)
-    return np.asarray(dijkstra(net, directed=False, indices=rim, min_only=True))
+    return np.asarray(
+        scipy.sparse.csgraph.dijkstra(net, directed=False, indices=rim, min_only=True)
+    )
 
 
 def _between_files(
@@ -119,8 +120,8 @@ def _between_files(
     """
     places = _laid_points(laid, moving, fixed)
     forward, backward = (np.full(len(shape.to_working), -1) for shape in (fixed, moving))
-    forward[fixed.in_file] = moving.in_file[cKDTree(places).query(fixed.points)[1]]
-    backward[moving.in_file] = fixed.in_file[cKDTree(fixed.points).query(places)[1]]
+    forward[fixed.in_file] = moving.in_file[scipy.spatial.cKDTree(places).query(fixed.points)[1]]
+    backward[moving.in_file] = fixed.in_file[scipy.spatial.cKDTree(fixed.points).query(places)[1]]
     return forward, backward
 
 

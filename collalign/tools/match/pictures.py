@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from collalign.output.views import (
     camera,
@@ -134,7 +134,7 @@ def _drawn(shape: Shape, colours: FloatArray) -> tuple[FloatArray, IntArray, Flo
     if len(shape.faces) <= _MOST_FACES_DRAWN:
         return shape.vertices, shape.faces, colours
     vertices, faces = display_mesh(shape.vertices, shape.faces, max_faces=_MOST_FACES_DRAWN)
-    return vertices, faces, colours[cKDTree(shape.vertices).query(vertices)[1]]
+    return vertices, faces, colours[scipy.spatial.cKDTree(shape.vertices).query(vertices)[1]]
 
 
 def _confidence_colours(confidence: FloatArray) -> FloatArray:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.spatial import cKDTree
 
 from collalign.analysis.label_table import known_label
 from collalign.analysis.procrustes import unit_size
@@ -217,7 +217,7 @@ def surface_distances(
 
 def distances_at_poses(clouds: Sequence[FloatArray]) -> FloatArray:
     """Return the closest-point distances of all pairs as they stand, in parts of the radius, shape (N, N)."""
-    trees = [cKDTree(cloud) for cloud in clouds]
+    trees = [scipy.spatial.cKDTree(cloud) for cloud in clouds]
     distances = np.zeros((len(clouds), len(clouds)))
     for i, j in itertools.combinations(range(len(clouds)), 2):
         squares = [trees[i].query(clouds[j])[0] ** 2, trees[j].query(clouds[i])[0] ** 2]

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from collalign.registration.register import register
 from collalign.registration.surface import RegistrationSurface
@@ -134,7 +134,7 @@ def _dense_points(surface: RegistrationSurface, centre: FloatArray) -> DensePoin
 
 def _best_normals(points: DensePoints) -> FloatArray:
     """Return directions, of those spread over a hemisphere, along which the mirror image lies nearest."""
-    tree = cKDTree(points.points)
+    tree = scipy.spatial.cKDTree(points.points)
     half = spread_directions(2 * _NUM_TRIED_PLANES)[:_NUM_TRIED_PLANES]
     gaps = [(tree.query(points.points @ _reflection(normal).T)[0] ** 2).mean() for normal in half]
     return half[np.argsort(gaps, kind="stable")[:_NUM_REFINED_PLANES]]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from collalign.analysis.procrustes import (
     MIN_LABELS,
@@ -51,7 +51,9 @@ def parts_of_mean(
         if len(shape.parts) > 1:
             own = shape.split()
             placed = [moved_by(collection.transforms[at], part.vertices) for part in own.values()]
-            nearest = np.argmin([cKDTree(points).query(copy)[0] for points in placed], axis=0)
+            nearest = np.argmin(
+                [scipy.spatial.cKDTree(points).query(copy)[0] for points in placed], axis=0
+            )
             for number, part in enumerate(own):
                 votes[part] = votes.get(part, np.zeros(len(copy), dtype=np.int64)) + (
                     nearest == number
