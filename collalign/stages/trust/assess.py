@@ -51,7 +51,7 @@ from collalign.stages.trust.trust_notes import CONTRADICTED_VOTES
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
-from data_tools.poses import AGREE_DEG, APART_DEG, keep_apart, pose_angle_deg
+from data_tools.poses import AGREE_DEG, APART_DEG, SAME_DEG, keep_apart, pose_angle_deg
 
 #: What poses cost: gaps of dense points, and mismatches of neighbourhoods.
 GAP, LOCAL = 0, 1
@@ -175,9 +175,21 @@ def _symmetries(
                 float(np.mean([costs[i][LOCAL, 0, :-1].mean() for i in known])) - LEAST_MISMATCH,
                 float(np.mean([_noise(samples[i], costs[i]) for i in known])),
             )
+            repeatable = _repeatable(turns[known[0]], alike)
             for i in members:
-                found[i] = read_only(np.stack([np.eye(3), *turns[i][alike]]))
+                found[i] = read_only(np.stack([np.eye(3), *turns[i][repeatable]]))
     return tuple(found)
+
+
+def _repeatable(turns: FloatArray, alike: BoolArray) -> BoolArray:
+    """Return which turns (t, 3, 3) of those that seem ``alike`` (t,) are symmetries: each may be done again.
+
+    A ship looks much the same after a turn about its long axis that brings it to no further such pose.
+    """
+    again = pose_angle_deg((turns @ turns)[:, None], turns) <= SAME_DEG
+    while (stops := alike & (again & ~alike).any(axis=1)).any():
+        alike = alike & ~stops
+    return alike
 
 
 def _noise(samples: Samples, costs: FloatArray) -> float:

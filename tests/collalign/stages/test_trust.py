@@ -24,7 +24,13 @@ from collalign.options import AlignOptions
 from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints
 from collalign.products.trust import DOUBT, KINDS, UNCERTAIN, Trust
-from collalign.stages.trust.assess import RIVAL_POWER, gather_trust, partners_of, with_trust
+from collalign.stages.trust.assess import (
+    RIVAL_POWER,
+    _repeatable,
+    gather_trust,
+    partners_of,
+    with_trust,
+)
 from collalign.stages.trust.rival_poses import (
     Partner,
     describe_rotations,
@@ -437,6 +443,29 @@ def test_what_turns_leave_as_it_is_is_right_up_to_them(kind, num, words, rng):
         assert words in only(notes, "symmetric").values["rotations"]
         turn = trust.symmetries[0][1]
         assert abs(np.linalg.eigh(turn + turn.T)[1][2, -1]) > 0.99
+
+
+TWELFTHS = Rotation.from_rotvec(np.outer(np.arange(30.0, 360.0, 30.0), [0, 0, 1]), degrees=True)
+
+
+@pytest.mark.parametrize(
+    ("seem", "are"),
+    [
+        ((30,), ()),  # twice that is another pose
+        ((180,), (180,)),
+        ((90, 180, 270), (90, 180, 270)),
+        ((30, 60, 180), (180,)),
+        ((120, 240, 330), (120, 240)),
+        (range(30, 360, 30), range(30, 360, 30)),
+        ((), ()),
+    ],
+)
+def test_a_symmetry_may_be_done_again(seem, are):
+    angles = np.arange(30, 360, 30)
+    frame = random_rotation(np.random.default_rng(0))
+    turns = frame @ TWELFTHS.as_matrix() @ frame.T
+    found = _repeatable(turns, np.isin(angles, seem))
+    assert angles[found].tolist() == [*are]
 
 
 def test_turns_are_told_by_their_axes():
