@@ -14,7 +14,7 @@ every pose. So search, relaxation, branch and bound and certificates apply as th
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, TypedDict
+from typing import TypedDict
 
 import numpy as np
 import scipy
@@ -333,16 +333,21 @@ def _invariant_cost(invariants: tuple[ArrayLike, ArrayLike], n: int, k: int) -> 
     return ((h[:, None, :] - g[None, :, :]) ** 2).sum(axis=2)
 
 
+def num_left_over(allowed: BoolArray) -> int:
+    """Return how many columns a largest matching of the allowed entries (n, k) leaves out."""
+    matched = scipy.sparse.csgraph.maximum_bipartite_matching(
+        scipy.sparse.csr_array(allowed), perm_type="row"
+    )
+    return int((matched < 0).sum())
+
+
 def _check_feasible(allowed: BoolArray) -> None:
     if allowed.all():
         return
     empty = np.flatnonzero(~allowed.any(axis=0))
     if len(empty):
         raise InputError(f"allowed: source point {empty[0]} has none ({len(empty)} such points)")
-    matched: Any = scipy.sparse.csgraph.maximum_bipartite_matching(
-        scipy.sparse.csr_array(allowed), perm_type="row"
-    )
-    stuck = int((matched < 0).sum())
+    stuck = num_left_over(allowed)
     if stuck:
         raise InputError(
             f"allowed: no injective map fits them, {stuck} source points are always left over"

@@ -19,7 +19,6 @@ from functools import cache
 from itertools import product
 
 import numpy as np
-import scipy
 
 from collalign.nonrigid.functional_map import (
     SMOOTHNESS,
@@ -35,7 +34,7 @@ from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.rotations import nearest_orthogonal
 from data_tools.surface.shape import vertex_normals
 from pairwise.local_search import LocalMinima, MatchingCosts, minimise, procrustes
-from pairwise.problem import Problem
+from pairwise.problem import Problem, num_left_over
 
 
 def embedded_problem(
@@ -118,7 +117,7 @@ def candidate_mask(gaps: FloatArray, share: float) -> BoolArray:
     """
     ranks = gaps.argsort(axis=0, kind="stable").argsort(axis=0, kind="stable")
     allowed = ranks < max(1, round(share * len(gaps)))
-    while not _signs_have_injective_map(allowed):
+    while num_left_over(allowed):
         share = min(1.0, 1.5 * share)
         allowed |= ranks < round(share * len(gaps))
     return allowed
@@ -128,13 +127,6 @@ def wave_gaps(target: SpectralShape, source: SpectralShape, source_samples: IntA
     """Return how much the wave kernel signatures of samples differ, the mean of their logarithms, shape (n, k)."""
     differences = target.waves[target.samples][:, None, :] - source.waves[source_samples]
     return np.abs(differences).mean(axis=2)
-
-
-def _signs_have_injective_map(allowed: BoolArray) -> bool:
-    matched = scipy.sparse.csgraph.maximum_bipartite_matching(
-        scipy.sparse.csr_array(allowed), perm_type="row"
-    )
-    return bool((matched >= 0).all())
 
 
 def tip_starts(

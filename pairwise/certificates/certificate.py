@@ -10,14 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray, as_points, read_only
 from data_tools.errors import InputError
 from data_tools.io.archives import load_arrays
 from data_tools.io.files import open_regular
-from pairwise.problem import Problem
+from pairwise.problem import Problem, num_left_over
 from pairwise.rotation_pattern import RotationPattern
 
 #: Numbers beyond this, in the problem's own unit, are refused: their products would overflow.
@@ -171,7 +170,7 @@ def build_problem(q: FloatArray, p: FloatArray, arrays: Mapping[str, Any]) -> Pr
         weights=weights,
         constant_cost=given.floats("constant_cost", (n, k)),
     )
-    if _num_left_over(problem.allowed):
+    if num_left_over(problem.allowed):
         raise InputError("certificate: no injective map fits the matches that it allows")
     return problem
 
@@ -220,20 +219,8 @@ def _check_blocks(pattern: BoolArray, blocks: IntArray) -> None:
                 f"certificate: special_blocks has [{start}, {stop}], which is no block of the pattern"
             )
         taken |= inside
-    if _num_left_over(pattern):
+    if num_left_over(pattern):
         raise InputError("certificate: every matrix with its pattern is singular")
-
-
-def _num_left_over(allowed: BoolArray) -> int:
-    """Return how many columns a largest matching leaves out."""
-    return int(
-        (
-            scipy.sparse.csgraph.maximum_bipartite_matching(
-                scipy.sparse.csr_array(allowed), perm_type="row"
-            )
-            < 0
-        ).sum()
-    )
 
 
 #: Written into every file; a file of another version is refused.

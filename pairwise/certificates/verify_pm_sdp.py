@@ -18,13 +18,12 @@ lambda is a proven lower bound of the smallest eigenvalue of F (Rump, Verificati
 from __future__ import annotations
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.errors import InputError
 from pairwise.certificates.certificate import CertificateArrays
-from pairwise.problem import Problem
+from pairwise.problem import Problem, num_left_over
 
 #: Twice the unit roundoff: the extra factor covers the second-order terms of every bound below.
 _EPS = float(np.finfo(np.float64).eps)
@@ -106,14 +105,7 @@ def _rotation_basis(mask: BoolArray, special_blocks: tuple[tuple[int, int], ...]
 
 def _in_perfect_matching(mask: BoolArray, row: int, col: int) -> bool:
     minor = np.delete(np.delete(mask, row, axis=0), col, axis=1)
-    return bool(
-        (
-            scipy.sparse.csgraph.maximum_bipartite_matching(
-                scipy.sparse.csr_array(minor), perm_type="row"
-            )
-            >= 0
-        ).all()
-    )
+    return num_left_over(minor) == 0
 
 
 def _rotation_maximum(
@@ -236,13 +228,7 @@ def _possible_matches(problem: Problem, given: CertificateArrays) -> BoolArray:
         impossible = np.unique(given.indices("impossible", (None, 2), upper=shape), axis=0)
     possible = candidates.copy()
     for i, j in impossible:
-        rest = np.delete(np.delete(candidates, i, axis=0), j, axis=1)
-        if (
-            scipy.sparse.csgraph.maximum_bipartite_matching(
-                scipy.sparse.csr_array(rest), perm_type="row"
-            )
-            >= 0
-        ).all():
+        if _in_perfect_matching(candidates, i, j):
             raise InputError(
                 f"certificate: lists the possible match of source point {j} to {i} as impossible"
             )
@@ -253,13 +239,7 @@ def _possible_matches(problem: Problem, given: CertificateArrays) -> BoolArray:
 def _check_always_used(problem: Problem, target_points: NDArray[np.int64]) -> None:
     """Refuse target points without which a map of all source points is left."""
     for i in target_points:
-        rest = np.delete(problem.allowed, i, axis=0)
-        if (
-            scipy.sparse.csgraph.maximum_bipartite_matching(
-                scipy.sparse.csr_array(rest), perm_type="row"
-            )
-            >= 0
-        ).all():
+        if num_left_over(np.delete(problem.allowed, i, axis=0)) == 0:
             raise InputError(f"certificate: row_u has target point {i}, which a map can leave out")
 
 
