@@ -18,12 +18,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike
 
 from collalign.synchronization.spectral import synchronize_signs
 from data_tools.arrays import BoolArray, FloatArray, IntArray, as_indices, read_only
 from data_tools.errors import InputError
+from data_tools.surface.topology import vertex_components
 
 #: Fewer shapes than this are mirrored by their surfaces alone, not by fits: any few pairs agree with some two sides.
 MIN_SHAPES_FOR_SIDES = 6
@@ -329,11 +329,7 @@ def _best_sides(pairs: IntArray, evidence: FloatArray, num_shapes: int) -> BoolA
 
 def _smaller_sides(mirrored: BoolArray, pairs: IntArray) -> BoolArray:
     """Return the sides, turned round in each connected part so that the smaller one is mirrored."""
-    num = len(mirrored)
-    graph = scipy.sparse.coo_matrix(
-        (np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(num, num)
-    )
-    _, part = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    part = vertex_components(len(mirrored), [pairs])[1]
     return np.asarray(
         mirrored ^ (2 * np.bincount(part, weights=mirrored) > np.bincount(part))[part]
     )

@@ -22,7 +22,7 @@ from collalign.nonrigid.map_options import TUNED
 from collalign.nonrigid.spectral_shape import SpectralShape
 from collalign.nonrigid.tips import edge_net
 from data_tools.arrays import BoolArray, FloatArray, IntArray
-from data_tools.surface.topology import mesh_edges
+from data_tools.surface.topology import mesh_edges, vertex_components
 
 
 class Refiner:
@@ -151,8 +151,7 @@ class _Net:
     def largest_piece(self, images: IntArray, other: _Net) -> BoolArray:
         """Return which samples hang together with most others in a map of them to another surface's samples."""
         pairs = self._pairs[other._is_near[tuple(images[self._pairs].T)]]
-        graph = scipy.sparse.csr_array((np.ones(len(pairs)), pairs.T), shape=(len(images),) * 2)
-        piece = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
+        piece = vertex_components(len(images), [pairs])[1]
         return np.asarray(piece == np.bincount(piece).argmax())
 
 

@@ -40,6 +40,7 @@ from data_tools.embedding.embedding import Samples
 from data_tools.notes import Note
 from data_tools.partial_surface import PartialSurface
 from data_tools.surface.extra import ExtraSurface
+from data_tools.surface.topology import vertex_components
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -298,8 +299,7 @@ def _largest_piece(points: FloatArray, near: BoolArray, core: BoolArray) -> Bool
         [np.repeat(np.arange(len(points)), TUNED.num_nearest), nearest.ravel()], axis=1
     )
     links = links[near[links].all(axis=1)]
-    graph = scipy.sparse.coo_array((np.ones(len(links)), links.T), shape=(len(points),) * 2)
-    piece = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
+    piece = vertex_components(len(points), [links])[1]
     counts = np.bincount(piece[core], minlength=1)
     is_enough = counts.max() >= TUNED.least_share * len(points)
     return np.asarray(near & (piece == counts.argmax()) & is_enough)

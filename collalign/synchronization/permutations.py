@@ -21,6 +21,7 @@ from data_tools.arrays import (
     sums_by_owner,
 )
 from data_tools.errors import InputError
+from data_tools.surface.topology import vertex_components
 from data_tools.threads import one_blas_thread
 
 #: Most that the distance to a label counts, relative to the strongest support by maps.
@@ -111,10 +112,7 @@ def synchronize_permutations(
 
 def _check_connected(edges: IntArray, num: int) -> None:
     """Refuse shapes (num) that pairs (E, 2) do not connect: nothing says which of their points correspond."""
-    graph = scipy.sparse.csr_matrix(
-        (np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(num, num)
-    )
-    component = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
+    component = vertex_components(num, [edges])[1]
     apart = np.flatnonzero(component != component[0])
     if len(apart):
         raise InputError(

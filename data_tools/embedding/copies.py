@@ -13,6 +13,7 @@ from data_tools.arrays import FloatArray, IntArray, read_only, rms_length
 from data_tools.notes import Note
 from data_tools.surface.cleaning import share_kept
 from data_tools.surface.shape import Shape
+from data_tools.surface.topology import vertex_components
 
 _LEVELS = (np.arange(16) + 0.5) / 16
 
@@ -127,10 +128,7 @@ def find_copies(
 
 def _groups(pairs: IntArray, num: int) -> IntArray:
     """Return the number of the component of each shape, in the order of their first members."""
-    links = scipy.sparse.coo_array(
-        (np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(num, num)
-    )
-    return np.asarray(scipy.sparse.csgraph.connected_components(links, directed=False)[1])
+    return vertex_components(num, [pairs])[1]
 
 
 def _named(names: Sequence[str], chosen: Sequence[int]) -> tuple[str, ...]:

@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 
 import networkx as nx
 import numpy as np
-import scipy
 
 from collalign.engine.job import Shared, table_of_values
 from collalign.engine.records import Record, from_record
@@ -25,6 +24,7 @@ from collalign.synchronization import PairGraph, SynchronizationResult, synchron
 from collalign.whole_pairs.problem import dense_points
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.embedding import Samples
+from data_tools.surface.topology import vertex_components
 from pairwise.dense import DensePoints
 from pairwise.rotation_pattern import RotationPattern
 from pairwise.surface_fit import fit_surfaces
@@ -124,10 +124,7 @@ def refine_poses(
 
 def _loose(edges: IntArray, num: int, fixed: Mapping[int, FloatArray]) -> list[int]:
     """Return the first shape of each part that the edges (e, 2) connect, where none of the part is fixed."""
-    links = scipy.sparse.coo_array(
-        (np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(num, num)
-    )
-    parts = scipy.sparse.csgraph.connected_components(links, directed=False)[1]
+    parts = vertex_components(num, [edges])[1]
     firsts = np.unique(parts, return_index=True)[1]
     return np.setdiff1d(firsts, firsts[parts[list(fixed)]]).tolist()
 
