@@ -26,6 +26,7 @@ from collalign.stages.match_pairs import pairs_that_match
 from collalign.stages.steps import with_decided_group
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.errors import OptionsError
+from data_tools.notes import listed
 
 #: Shapes, the nearest before any are matched, that each is matched with.
 NUM_NEAR = 6
@@ -87,12 +88,14 @@ def find_kinds(
         )
     if not num and known is None and were_seen(shapes):
         return None
-    told = np.flatnonzero(are_described(shapes.samples))
+    described = are_described(shapes.samples)
+    told = np.flatnonzero(described)
     if len(told) < max(num, 2):
         if num:
+            poor = [shapes.names[i] for i in np.flatnonzero(~described).tolist()]
             raise OptionsError(
-                f"clusters: {num} kinds cannot be told apart, because {len(shapes.names) - len(told)} shapes have "
-                "too few points; say the kinds with --kinds-by"
+                f"clusters: {num} kinds cannot be told apart, because these have too few points: {listed(poor)}; "
+                "say the kinds with --kinds-by"
             )
         return None
     if len(told) < len(shapes.names):
