@@ -29,6 +29,7 @@ class Page:
             "offline": True,
             "accept_downloads": True,
             "viewport": {"width": 900, "height": 700},
+            "device_scale_factor": 0.5,  # without a GPU, drawing takes as long as there are pixels
         } | context
         self.context = browser.new_context(**context)
         self.page = self.context.new_page()

@@ -334,14 +334,15 @@ def test_a_page_that_was_cut_short_says_so(browser, small_file, tmp_path):
     context.close()
 
 
-def test_corresponding_points_carry_one_colour_on_all_shapes(opened):
-    before, plain = (
-        opened.image(".tile canvas", 1),
-        opened.canvas(".tile canvas", 1).evaluate(NUM_COLOURS),
-    )
-    opened.page.locator("#gallery").get_by_label("corresponding points").check()
-    opened.wait_until_changed(".tile canvas", before, 1)
-    assert opened.canvas(".tile canvas", 1).evaluate(NUM_COLOURS) > plain + 100
+def test_corresponding_points_carry_one_colour_on_all_shapes(browser, small_file):
+    with Page(browser, small_file, device_scale_factor=1) as opened:
+        before, plain = (
+            opened.image(".tile canvas", 1),
+            opened.canvas(".tile canvas", 1).evaluate(NUM_COLOURS),
+        )
+        opened.page.locator("#gallery").get_by_label("corresponding points").check()
+        opened.wait_until_changed(".tile canvas", before, 1)
+        assert opened.canvas(".tile canvas", 1).evaluate(NUM_COLOURS) > plain + 100
 
 
 def test_a_shape_alone_of_its_kind_is_not_doubtful(browser, tmp_path):
