@@ -191,7 +191,7 @@ def measure_changed(cell: Cell) -> Record:
     settings = {name: value for name, value in cell.settings.items() if name not in change}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        # With what is compiled: the changed file will be anew, and no kernel takes numbers of another module.
+        # Compiled kernels come along: the changed file's are made anew, and none takes numbers of another module.
         for package in (*PRODUCT, "experiments"):
             shutil.copytree(ROOT / package, folder / package)
         file = folder / change["file"]
